@@ -568,3 +568,70 @@ def test_bars_that_noise_makes_drift_are_not_refused(reach, nodes, share):
     assert sim.certificate(8.0).verdict == "certified"
     assert not sim.certificate(8.0, until=2000.0).grows_within(2000.0)
     assert largest_factor(sim) < 1
+
+
+def test_a_plate_that_guides_backward_waves_into_layers_is_refused():
+    """Some waves of a free plate run backward: they grow in layers, the faster the thicker these are; a small copy of
+    the plate guides others, and does not show it.
+    """
+    lattice = fh.Lattice(1.0, (-30.0, -12.0), (30.0, 12.0))
+    model = fh.Elastic(fh.Kernel(2.0, exponent=1), young=1.0, poisson=0.25)
+    noise = np.random.default_rng(0).standard_normal((2, *lattice.shape))
+    sim = fh.Simulation(lattice, model, {"x": fh.LatticePML(nodes=24), "y": fh.Free()}, {"u": noise})
+    until = 20 * sim.crossing
+    with pytest.raises(fh.InputError, match="not stable"):
+        sim.run(until)
+    sim.run(until, allow_unstable=True)
+    assert np.sqrt((sim.fields["u"] ** 2).mean()) > 10
+
+
+def _random_varying(rng):
+    """A medium that varies, of any model, beside layers on some sides: strata, inclusions or values that drift."""
+    half = int(rng.integers(6, 12))
+    lattice = fh.Lattice(1.0, (-half, -half), (half, half))
+    kind = str(rng.choice(["strata", "inclusion", "gradient"]))
+    centre, width = rng.uniform(-half, half, 2), rng.uniform(2, half)
+
+    def between(low, high):
+        def values(x, y):
+            if kind == "gradient":
+                return low + (high - low) * (y + half) / (2 * half)
+            inside = y > centre[1] if kind == "strata" else np.hypot(x - centre[0], y - centre[1]) < width
+            return np.where(inside, high, low)
+
+        return values
+
+    stiff, dense = between(*10 ** rng.uniform(-0.5, 0.5, 2)), between(*10 ** rng.uniform(-0.5, 0.5, 2))
+    kernel = fh.Kernel(float(rng.integers(2, 4)), exponent=int(rng.integers(3)))
+    material = str(rng.choice(["scalar", "bond-based", "state-based", "correspondence"]))
+    if material == "scalar":
+        model = fh.Wave(kernel, speed=stiff, density=dense)
+    elif material == "bond-based":
+        model = fh.Elastic(kernel, young=stiff, density=dense)
+    else:
+        poisson = between(*rng.uniform(0, 0.495, 2))
+        model = fh.Elastic(kernel, young=stiff, poisson=poisson, density=dense, material=material)
+    boundary = {"all": fh.LatticePML(nodes=int(rng.integers(6, 25)))}
+    side = str(rng.choice(["x-", "x+", "y-", "y+", ""]))
+    if side:
+        boundary[side] = rng.choice([fh.Free(), fh.Fixed()])
+    words = f"{kind} {material} {kernel} {boundary['all'].nodes} nodes, {side} {boundary.get(side)}"
+    return words, lattice, model, boundary
+
+
+@pytest.mark.sampled(50)
+@pytest.mark.parametrize("number", range(200))
+def test_nothing_quiet_is_said_of_a_medium_that_varies_whose_noise_grows(number):
+    """Neither "certified" nor "does not grow" for a set-up in which white noise grows tenfold."""
+    rng = np.random.default_rng([SEED, number])
+    words, lattice, model, boundary = _random_varying(rng)
+    print(f"seed {SEED}, {number}: {words}")
+    noise = rng.standard_normal((2, *lattice.shape) if isinstance(model, fh.Elastic) else lattice.shape)
+    sim = fh.Simulation(lattice, model, boundary, {"u": noise})
+    until = 40 * sim.crossing
+    found = sim.certificate(2.0, until)
+    print(found)
+    quiet = until if found.verdict == "certified" else found.quiet
+    if quiet:
+        sim.run(quiet, allow_unstable=True)
+        assert np.sqrt((sim.fields["u"] ** 2).mean()) < 10, str(found)

@@ -225,16 +225,17 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     """
     reach, dim = stencil.reach[0], stencil.dim
     if damped is not None and damped.whole:
-        return Profile(0.3, 1.0, 4, smooth=True) if damped.still else Profile(0.6, 1.0, 5, smooth=True)
+        return (
+            Profile(0.3, 1.0, 4, smooth=True)
+            if damped.still
+            else _emptied(Profile(0.6, 1.0, 5, smooth=True), nodes, stencil, damped)
+        )
     if not weak(damped):
         # shear waves are slower and affected more; between thin layers long waves along them would grow without alpha
         if stencil.components > 1:
             thick = Profile(0.6, 1.0, 5, smooth=reach < 5)
-            return _drained(
-                thick if nodes >= 25 else Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5),
-                nodes,
-                stencil,
-            )
+            plain = thick if nodes >= 25 else Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5)
+            return _emptied(_drained(plain, nodes, stencil), nodes, stencil, damped)
         if reach < 5:
             return _bounded(Profile(1.0, 1.0, 5, smooth=True), nodes, stencil)
         if dim > 1:  # nearly as strong as `_bounded` allows
@@ -288,6 +289,19 @@ def _drained(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
         return profile
     shifted = [replace(profile, shift=shift, smooth=False) for shift in _SHIFTS]
     return next((one for one in shifted if feedback(one) <= _FEEDBACK_SHIFTED), shifted[-1])
+
+
+def _emptied(profile: Profile, nodes: int, stencil: Stencil, damped: HighPass | None) -> Profile:
+    """Return the profile; for a vector field whose short waves must be damped faster than the layer absorbs, as those
+    of nearly incompressible solids, one whose alpha reaches sigma at the outer end.
+
+    Waves that are damped so much hardly move any more, and what moves more slowly than sigma is stretched without
+    bound: it would gather at the outer end and grow there. With alpha = sigma it is stretched by two at most.
+    """
+    if stencil.components == 1 or damped is None or damped.strength < 1:
+        return profile
+    equal = 2 * nodes / 12  # `Profile.edges` counts alpha in 12 strength / nodes, and sigma in 2 strength
+    return replace(profile, shift=max(profile.shift, equal))
 
 
 def _shortened(profile: Profile, nodes: int, stencil: Stencil, most: float) -> Profile:

@@ -60,7 +60,7 @@ BUDGET = 30.0  # seconds that a certificate may take on a typical core
 _WIDE = 1500  # numbers in the state of a strip on a line, or of one widened where a mode grows, at most
 _CROSSINGS = 200_000  # longest run from noise whose map is known as a matrix
 PATIENCE = 2.0  # seconds for which rising noise may be followed before a run, on a typical core
-_WHOLE = 10.0  # seconds up to which noise runs in a medium that varies as it is, not in a shortened copy
+_WHOLE = 10.0  # seconds up to which noise may run in a set-up as it is, or half of the run where that is longer
 _MATTERS = 10.0  # a run is refused if something grows by this factor within it
 _ALIKE = 4  # noise runs in the set-up itself if it has at most this many times the nodes of the small copy
 _ESCAPES = 0.5  # growth per crossing below which sides along a strip may absorb a mode before it has grown
@@ -346,7 +346,9 @@ def _examined(
     skipped: list[str] = []
     tell("a run from white noise")
     follows = brief and bool(np.isfinite(until))
-    short, further = Allowance(np.inf if follows else budget / 2), Allowance(PATIENCE if follows else budget / 3)
+    rounds = until / sim.dt / sim.engine.tables.filter.every
+    short = Allowance(max(_WHOLE, rounds * _cost(sim) / 2) if follows else budget / 2)
+    further = Allowance(PATIENCE if follows else budget / 3)
     grown, quiet, where = _noise_part(sim, short, further, until)
     allowance = Allowance(budget if follows else budget - short.used - further.used)
 
@@ -662,7 +664,8 @@ def _examinations(sim: Examined) -> Iterator[Examination]:
         "the complete update",
         lambda allowance: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, allowance), []),
     )
-    if sim.varied:  # what grows at the sides of a uniform medium says nothing about one that varies
+    # what grows at the sides of a uniform medium says nothing about one that varies, nor a copy about a guide
+    if sim.varied or _guides(sim):
         yield whole
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
@@ -707,12 +710,12 @@ def _noise_part(
 
 
 def _noisy(sim: Examined, until: float) -> tuple[Examined, str]:
-    """The set-up without sources if it is small, if it varies, or if conditions or an outline would make a copy a
-    different problem; otherwise a small copy. Of a large medium that varies, a copy with shorter stretches of equal
-    planes. And its name.
+    """The set-up without sources if it is small, if it varies, or if sides that reflect, conditions or an outline would
+    make a copy a different problem; otherwise a small copy. Of a large medium that varies, a copy with shorter
+    stretches of equal planes. And its name.
     """
     small = small_lattice(sim)
-    special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
+    special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None or _guides(sim)
     if sim.varied:
         rounds = min(until / sim.dt, stability.SHORT * crossing_rounds(sim)) / sim.engine.tables.filter.every
         shorter = None if special or rounds * _cost(sim) <= _WHOLE else sim.shortened()
@@ -721,6 +724,17 @@ def _noisy(sim: Examined, until: float) -> tuple[Examined, str]:
     elif not special and np.prod(sim.lattice.shape) > _ALIKE * np.prod(small.shape):
         return plain_twin(sim, small), f"a copy of {_by(small.shape)} nodes"
     return plain_twin(sim), "this set-up"
+
+
+def _guides(sim: Examined) -> bool:
+    """Whether two sides that reflect guide waves into a layer: which waves, and how fast they grow where some run
+    backward, depends on both lengths of the guide.
+    """
+    walls = [
+        not any(sim.sides[axis, s].endless or sim.sides[axis, s].periodic for s in (-1, 1))
+        for axis in range(sim.lattice.dim)
+    ]
+    return any(walls) and any(b.stretched for b in sim.sides.values())
 
 
 def _by(shape: Sequence[int]) -> str:

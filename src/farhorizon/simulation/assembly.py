@@ -36,7 +36,7 @@ from farhorizon.simulation.drives import (
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.host import looked_at, node_factor, varied
-from farhorizon.simulation.layers import choose_layers, with_light_dampers
+from farhorizon.simulation.layers import choose_layers, undesigned, with_light_dampers
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
@@ -437,7 +437,7 @@ def _choose_sides(
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:
     around = with_light_dampers(near, by_target(setup, sides, near.continued, near.pace.sides))
-    found = choose_layers(setup, near, around, sources)
+    found = replace(choose_layers(setup, near, around, sources), undesigned=undesigned(near, sides))
     if found.thickness:
         check_memory(setup, near.stencil, found)
     return found

@@ -111,6 +111,29 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     return replace(found, returned=returned, foreseeable=choice.foreseeable)
 
 
+def undesigned(near: NearField, sides: Sides) -> str:
+    """Return why layers for scalar waves without a target may reflect more than the model's default target; empty if
+    they are made for it.
+
+    The default layers are made for kernels whose waves run forward. Backward waves are damped, so that nothing grows,
+    but what is damped is also reflected; and waves that are carried along by a kernel that is not symmetric reach the
+    end of a layer.
+    """
+    asked = [side_name(*key) for key, b in sides.items() if b.stretched and b.target is None and not b.whole]
+    if not asked or near.model.order == 1 or near.stencil.components > 1:
+        return ""
+    if not all(near.stencil.even_along(axis) for axis in range(near.lattice.dim)):
+        why = "the kernel is not symmetric about its axes"
+    elif not weak(high_pass(near.continued)):
+        why = "short waves of this kernel run backward, and the layers damp them"
+    else:
+        return ""
+    return (
+        f"the layers ({', '.join(asked)}) have no target, and are not made for {near.model.target:g} of the largest "
+        f"value: {why}; give a target, or measure with 'farhorizon compare'"
+    )
+
+
 def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
     """Return the surroundings with light dampers in place of filters in layers for scalar waves that are given by their
     number of nodes and have a target of `_LIGHT` or more, if they reflect no more then, where the medium is uniform

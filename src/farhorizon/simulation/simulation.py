@@ -27,7 +27,7 @@ from farhorizon.machine import uninterrupted
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, assemble_shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
-from farhorizon.simulation.course import MOST_STEPS, checked_end, say_doubt, tick
+from farhorizon.simulation.course import MOST_STEPS, checked_end, say_doubt, tick, warn
 from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.energies import present
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
@@ -200,7 +200,9 @@ class Simulation(Run):
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
         self.varied = bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
-        self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, around.doubts
+        self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, list(around.doubts)
+        if around.undesigned:
+            self.doubts.append(around.undesigned)
         self.thickness, self.extents = around.thickness, around.extents
         every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # 0 beyond sides shared with a neighbour
         self.beyond = {key: max(one[key] for one in every) for key in around.sides}
@@ -245,6 +247,8 @@ class Simulation(Run):
             self.share.check_length(until - self.dt)  # the last step may end that much later
         self._settling.settle(self, until)
         self.check_sources(until)
+        if self.parts.around.undesigned and not self._end:
+            warn(self.parts.around.undesigned)
         warn_outlasted(self.parts.around, self.model, self._end, until, self.dt)
         self._end = max(self._end, until)
         last = super().prepare(until)

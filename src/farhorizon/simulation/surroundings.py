@@ -42,6 +42,8 @@ class Surroundings:
         Warnings about layers that are predicted to miss their targets.
     notes : list of str
         Notes on what predictions leave out.
+    undesigned : str
+        Why layers without a target may reflect more than the model's default target; empty if there is no reason.
     returned : callable, or None
         Returns the predicted errors, by (axis, side), of the chosen layers up to a time.
     foreseeable : float
@@ -58,6 +60,7 @@ class Surroundings:
     extents: dict[Key, Extent] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    undesigned: str = ""
     returned: Callable[[float], dict[Key, float]] | None = None
     foreseeable: float = 0.0
     foretold: dict[str, Foretold] = field(default_factory=dict)
