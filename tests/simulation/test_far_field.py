@@ -91,6 +91,51 @@ def test_receivers_in_space_are_on_the_infinite_lattice(model):
         assert np.abs(values[step] - seen).max() < 1e-10 * peak
 
 
+@pytest.mark.parametrize(
+    "model",
+    [
+        fh.Wave(_SCALAR, speed=3.0, damping=0.03),
+        fh.Elastic(**_BONDS),
+        fh.Elastic(_SCALAR, young=1.0, poisson=0.1, material="state-based"),
+    ],
+    ids=["scalar", "bond-based", "state-based"],
+)
+def test_records_that_end_before_the_waves_arrive_say_so(model):
+    """Continued beyond the run, they are those of the infinite lattice. The tail that precedes the front of what the
+    run does not know is below 1e-2, and below 1e-4 a box width earlier.
+    """
+    far, pulse, point = fh.FarField(_box(8)), {"u": _pulse(2, 2 if model.mechanical else 1)}, (48, 36)
+    slow, fast = min(model.speeds.values()), max(model.speeds.values())
+    sim = fh.Simulation(_square(13), model, fh.Extended(nodes=60), pulse, observe=[far])
+    sim.run(26.0 / slow)
+    with pytest.warns(fh.ValidityWarning, match=r"the far field at \[48, 36\] ends at t = ") as said:
+        early = far.at([point])[1]
+    with pytest.warns(fh.ValidityWarning, match="is nan after it"):
+        times, values = far.at([point], until=80.0 / slow)
+    padded = np.pad(sim.start_u, [(0, 0)] * (sim.start_u.ndim - 2) + [(60, 60)] * 2)
+    scheme = sim.stencil, sim.model.coefficient, sim.model.integrator, sim.dt, len(times), padded
+    infinite = InfiniteLattice(*scheme, damping=model.damping)
+    exact = np.array([infinite.after(step)[..., 73 + point[0], 73 + point[1]] for step in range(len(times))])
+    sizes, errors = (np.abs(one).reshape(len(times), -1).max(1) for one in (exact, values[:, 0] - exact))
+    assert np.abs(early).max() < 0.05 * sizes.max()
+    arrival = float(re.search(r"at about t = (\S+),", str(said[0].message))[1])
+    assert arrival == pytest.approx(times[sizes.argmax()], rel=0.1)
+    known = np.isfinite(errors)
+    assert times[known][-1] > sim.time + 30 / fast and not known.all()  # the box is 45 away
+    assert errors[known].max() < 1e-2 * sizes.max()
+    assert errors[times < times[known][-1] - 17 / fast].max() < 1e-4 * sizes.max()
+
+
+@pytest.mark.parametrize("model", [fh.Wave(_SCALAR), fh.Elastic(**_BONDS), fh.Diffusion(_SCALAR)])
+def test_records_that_have_the_largest_waves_say_nothing(model, recwarn):
+    far, pulse = fh.FarField(_box(10)), "exp(-(x**2 + y**2)/4)"
+    until = 80.0 if model.order == 1 else 20.0 / min(model.speeds.values())  # r^2 / (4 D) = 64 and r / c = 16
+    initial = {"u": [pulse, "0"] if model.mechanical else pulse}
+    fh.Simulation(_square(14), model, fh.LatticePML(nodes=8), initial, observe=[far]).run(until)
+    far.at([(16, 0), (-11, -11)])
+    assert not [one for one in recwarn if "far field" in str(one.message)]
+
+
 def test_boxes_in_each_other_and_moved_tell_the_same():
     boxes = (_box(8), _box(12), _box(8, shift=1), fh.Box((-9, -8), (15, 13)))
     fars = [fh.FarField(box, name=f"box-{number}") for number, box in enumerate(boxes)]
@@ -166,8 +211,9 @@ def test_receivers_are_outside_the_box_at_nodes():
         far.at([(1e30, 0.0)])
     with pytest.raises(fh.InputError, match=r"far_field\.frequencies: no frequencies"):
         far.pattern()
-    far.at([(20.3, 0.0)])
-    assert far.notes == ["the far field at [20.3, 0] is that of the nearest node, [20, 0]"]
+    with pytest.warns(fh.ValidityWarning, match="ends at t = "):
+        far.at([(20.3, 0.0)])
+    assert far.notes[:-1] == ["the far field at [20.3, 0] is that of the nearest node, [20, 0]"]
 
 
 def test_sources_that_move_out_of_the_box_are_refused():

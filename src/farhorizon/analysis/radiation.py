@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,21 @@ _BLOCK = 1 << 22  # complex numbers that are processed at a time
 _NEAREST = 1e-6  # part of the band excluded at its ends, where nothing travels
 _SUMMED = 1e-9  # relative difference between sums over more and over fewer directions at which they have converged
 _MOST = 512  # largest number of rings of directions
+
+
+class CrossSections(NamedTuple):
+    """Cross sections of a scatterer: power over incident power per area (in two dimensions per length).
+
+    Attributes
+    ----------
+    scattering : ndarray, shape (F,)
+        Of the scattered power, which leaves the box.
+    total : ndarray, shape (F,)
+        Of the power removed from the wave, scattered or absorbed: by the optical theorem, from forward scattering.
+    """
+
+    scattering: np.ndarray
+    total: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from farhorizon.simulation.setup import Setup, side_name
 
 _TIMES = 33  # times at which sources that do not split into space and time are sampled
 _LARGE = 2**28  # size of a history in bytes above which there is a note
-_LEFT = 1e-3  # share of the largest field on the shell that remains at the end above which there is a note
+LEFT = 1e-3  # share of the largest field on the shell that remains at the end above which there is a note
 _FAST = 1e-6  # error by aliasing, over the largest sum, above which there is a note if it exceeds what remains
 _TINY = float(np.finfo(float).tiny)
 _ROUNDING = float(np.finfo(float).eps)
@@ -238,7 +238,7 @@ def spectral_notes(last: float, largest: float, missed: float) -> list[str]:
     """Return why the spectra of a far field may be doubtful: the field that remains on the shell at the end, or the
     aliasing error of the samples.
     """
-    if last > _LEFT * largest:
+    if last > LEFT * largest:
         return [
             "spectra of the far field leave out what has not left the box by the end of the run: on its shell "
             f"{last / largest:.2g} of the largest value remains"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from itertools import repeat
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from farhorizon.analysis.radiation import (
     KINDS,
     WAVES,
     ArrivingPlane,
+    CrossSections,
     Pattern,
     as_directions,
     checked_frequencies,
@@ -26,7 +28,8 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.course import warn
+from farhorizon.simulation.course import checked_end, warn
+from farhorizon.simulation.far_arrivals import FarArrivals
 from farhorizon.simulation.far_box import (
     check_history,
     check_kept,
@@ -43,23 +46,9 @@ from farhorizon.simulation.far_box import (
 from farhorizon.simulation.fourier_sums import SampledSums
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, check_from_start, recorder_name
 from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.steps import last_step
 
 _SEEN = 16  # steps between two checks of the largest field
-
-
-class CrossSections(NamedTuple):
-    """Cross sections of a scatterer: power over incident power per area (in two dimensions per length).
-
-    Attributes
-    ----------
-    scattering : ndarray, shape (F,)
-        Of the scattered power, which leaves the box.
-    total : ndarray, shape (F,)
-        Of the power removed from the wave, scattered or absorbed: by the optical theorem, from forward scattering.
-    """
-
-    scattering: np.ndarray
-    total: np.ndarray
 
 
 class FarField(Recorder):
@@ -261,15 +250,15 @@ class FarField(Recorder):
 
     # --- in time -----------------------------------------------------------------------------------------------
 
-    def _forces(self) -> Iterator[np.ndarray]:
-        """Yield the forces on the shell at each step but the last, shape (components * W,), components first."""
-        left = self._steps
+    def _forces(self, steps: int) -> Iterator[np.ndarray]:
+        """Yield the forces on the shell at that many steps, which vanish after the run; shape (components * W,)."""
         for rows in self._rows:
-            driven = self._scheme.rate * (self._shell.commutator @ rows[:left].T).T
-            left -= len(driven)
+            driven = self._scheme.rate * (self._shell.commutator @ rows[:steps].T).T
+            steps -= len(driven)
             yield from driven
+        yield from repeat(np.zeros(self._count), steps)
 
-    def at(self, points: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, points: Any = None, until: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The field at points outside the box, in the near field or at any distance, exactly as in a run whose near
         field contains them.
 
@@ -277,11 +266,15 @@ class FarField(Recorder):
         ----------
         points : array_like, shape (P, dim), or (P,) in 1D, optional
             Each point is replaced by the nearest node of the infinite lattice; those of the constructor unless given.
+        until : float, optional
+            End of the record; that of the run unless given, but what left the box by then may arrive later. If more
+            than 1e-3 of it remains on the box, values are nan from when on what leaves after the run may arrive.
 
         Returns
         -------
         times : ndarray, shape (steps + 1,)
         values : ndarray, shape (steps + 1, P[, components])
+            A `ValidityWarning` says that they contain nan, or end before the largest waves arrive.
 
         Raises
         ------
@@ -291,9 +284,17 @@ class FarField(Recorder):
         """
         self._must_have_run()
         check_kept(self.history, "history = true, before the run")
-        receivers = self._receivers(self.points if points is None else points)
-        driven = DrivenLattice(self._scheme, self._steps, self._shell.nodes, receivers)
-        return self._scheme.dt * np.arange(self._steps + 1), driven.field(self._forces()) + self._background
+        receivers, dt = self._receivers(self.points if points is None else points), self._scheme.dt
+        last = self._steps if until is None else last_step(checked_end(until, dt), dt)
+        driven = DrivenLattice(self._scheme, last, self._shell.nodes, receivers)
+        values = driven.field(self._forces(last)) + self._background
+        places = self._lattice.lower + self._lattice.spacing * receivers
+        arrivals = FarArrivals(self._scheme, self._shell, receivers, places)
+        unknown = arrivals.forget_unknown(values, self._steps, self._last, self._largest)
+        for text in (doubts := arrivals.late(self._rows, last, self._total) + unknown):
+            warn(text)
+        self.notes += [text for text in doubts if text not in self.notes]
+        return dt * np.arange(last + 1), values
 
     def _receivers(self, points: Any) -> np.ndarray:
         """Return the indices of the nodes nearest to points, also beyond the lattice."""
