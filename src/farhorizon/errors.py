@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import numbers
+import re
 from collections.abc import Iterable
 from typing import Any, Self
 
@@ -119,8 +120,30 @@ class ValidityWarning(UserWarning):
 def suggestion(word: str, words: Iterable[str]) -> str:
     """The most similar of some words, if one is similar enough, followed by all of them."""
     known = list(words)
-    near = difflib.get_close_matches(word, known, 1, 0.6)
+    near = nearest(word, known)
     return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(known)}"
+
+
+def nearest(word: str, words: Iterable[str]) -> list[str]:
+    """The most similar of some words in a list, which is empty if none is similar enough.
+
+    Parts of a name that both have in common do not count, since it is by the others that they differ: "plane-wave" is
+    no misspelt "rayleigh-wave", but "reyleigh-wave" is.
+
+    Examples
+    --------
+    >>> nearest("plane-wave", ["rayleigh-wave"]), nearest("reyleigh-wave", ["rayleigh-wave"])
+    ([], ['rayleigh-wave'])
+    """
+    return [one for one in difflib.get_close_matches(word, list(words), 3, 0.6) if _is_like(word, one)][:1]
+
+
+def _is_like(word: str, other: str) -> bool:
+    """Whether two names are similar, or one only lacks parts of the other, apart from the parts that both have."""
+    given, known = (re.split("[-_. ]", one.lower()) for one in (word, other))
+    rests = [[part for part in one if part not in both] for one, both in ((given, known), (known, given))]
+    left, right = ("-".join(rest) for rest in rests)
+    return not left or not right or difflib.SequenceMatcher(None, left, right).ratio() >= 0.6
 
 
 def shown(value: Any) -> str:

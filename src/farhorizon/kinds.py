@@ -6,7 +6,6 @@ terms rather than surface later in NumPy.
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import numbers
 import operator
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.errors import InputError, shown
+from farhorizon.errors import InputError, nearest, shown
 
 LARGEST = 1e60
 """Largest magnitude of a constant; nonzero ones are at least its inverse. Products of five such numbers, such as powers
@@ -146,7 +145,7 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
     """One of some words; for anything else, InputError with `message`, all of the words and the most similar one."""
     words = list(known)
     if not isinstance(value, str) or value not in words:
-        near = difflib.get_close_matches(value, words, 1) if isinstance(value, str) else []
+        near = nearest(value, words) if isinstance(value, str) else []
         raise InputError(
             message,
             value=said(value),

@@ -208,6 +208,66 @@ WORST = {
         r"model\.density: .* value: 0; limit: > 0; remedy: where there is no medium, leave it out of the lattice",
         "a number,",
     ),
+    "a fluid": (
+        lambda: fh.Elastic(fh.Kernel(1.0), bulk=2.0, shear=0.0, material="state-based"),
+        r"model\.shear: .*value: 0; limit: > 0; remedy: a fluid without a solid is .* type wave; a fluid beside",
+        "body",
+    ),
+    "a fluid in a region": (
+        case(
+            ELASTIC,
+            "young = 1.0",
+            'bulk = 1.0, shear = 0.5, material = "state-based"',
+            "[[material]]\nregion = { disc = { radius = 1.0 } }\nbulk = 1.0\nshear = 0.0\n",
+        ),
+        r"material\[0\]\.shear: .*value: 0; limit: > 0; remedy: a fluid without a solid is .* type wave",
+        "body",
+    ),
+    "a plane wave by another name": (
+        case(WAVE, more='[[incident]]\ntype = "plane-wave"\ndirection = [1.0, 0.0]\nsignal = "t"\nduration = 1.0\n'),
+        r'incident\[0\]\.type: unknown type; value: plane-wave; .*remedy: type = "incident-wave"$',
+        'remedy: type = "rayleigh',
+    ),
+    "a plane wave among the sources": (
+        case(WAVE, more='[[source]]\ntype = "plane-wave"\n'),
+        r'source\[0\]\.type: unknown type; value: plane-wave; .*remedy: type = "incident-wave" in incident$',
+        "boundary",
+    ),
+    "a plane wave as a table": (
+        case(WAVE, more="[plane-wave]\ndirection = [1.0, 0.0]\n"),
+        r'unknown key plane-wave; known: .*; remedy: type = "incident-wave" in incident$',
+        "did you mean",
+    ),
+    "a layer by its general name": (
+        case(WAVE, more='[boundary]\nall = { type = "pml" }\n'),
+        r'boundary\.all\.type: unknown type; value: pml; .*remedy: type = "lattice-pml"',
+        'nonlocal-pml"',
+    ),
+    "a misspelt type": (
+        case(WAVE, more='[[incident]]\ntype = "incedent-wave"\n'),
+        r'incident\[0\]\.type: unknown type; .*remedy: type = "incident-wave"$',
+        "did you mean",
+    ),
+    "a plane wave onto layers that leave through the sides": (
+        lambda: fh.Simulation(
+            fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0)),
+            fh.Wave(fh.Kernel(1.0), speed="where(y > 1, 1.0, 2.0)"),
+            {"all": fh.LatticePML(nodes=8), "y+": fh.Free()},
+            sources=[fh.IncidentWave((0.5, 0.8), "exp(-(t-4)**2)", 8.0)],
+        ),
+        r"incident\.within: .* remedy: no size of the near field helps where a layer .*Periodic sides along",
+        "enlarge",
+    ),
+    "a plane wave onto an inclusion near the faces of its box": (
+        lambda: fh.Simulation(
+            fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0)),
+            fh.Wave(fh.Kernel(1.0), speed="where((x-3)**2 + y**2 < 1, 1.0, 2.0)"),
+            fh.LatticePML(nodes=8),
+            sources=[fh.IncidentWave((1.0, 0.0), "exp(-(t-4)**2)", 8.0)],
+        ),
+        r"incident\.within: .* remedy: enlarge the near field, or the box if it is given",
+        "layer",
+    ),
     "no strength": (
         lambda: fh.Elastic(fh.Kernel(1.0), 1.0, critical_stretch=0.0),
         r"model\.critical_stretch: .* value: 0; limit: > 0; remedy: a crack where bonds are cut from the start",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
+from collections.abc import Iterable
 from typing import Any, get_args
 
 from pydantic import ValidationError
 
 from farhorizon.boundaries.lattice_pml import BY_TARGET
+from farhorizon.case.keys import all_keys
 from farhorizon.case.schema import Part, case_part, model_kinds
-from farhorizon.errors import InputError, suggestion
+from farhorizon.case.toml import literal
+from farhorizon.errors import InputError, nearest, suggestion
 
 
 def _tables(hint: Any) -> list[type[Part]]:
@@ -69,6 +71,44 @@ _EXAMPLES = {
 }
 
 
+#: What other programs and books call some types.
+_OTHER_NAMES = {
+    "plane-wave": "incident-wave",
+    "plane": "incident-wave",
+    "planar-wave": "incident-wave",
+    "surface-wave": "rayleigh-wave",
+    "pml": "lattice-pml",
+    "absorbing": "lattice-pml",
+    "open": "lattice-pml",
+    "damping": "sponge",
+    "dirichlet": "fixed",
+    "rigid": "fixed",
+    "neumann": "free",
+    "explosion": "moment-tensor",
+    "line": "line-source",
+    "point": "point-source",
+}
+
+
+def _called(word: str, types: list[str]) -> list[str]:
+    """The type that a word means or resembles, in a list, which is empty if there is none."""
+    other = _other_name(word)
+    return [other] if other in types else nearest(word, types)
+
+
+def _other_name(word: str) -> str:
+    return _OTHER_NAMES.get(word.lower().replace("_", "-").replace(" ", "-"), "")
+
+
+def _elsewhere(word: str, known: Iterable[str]) -> str:
+    """The types of other tables that a word names, if none of the known words resembles it."""
+    if nearest(word, known):
+        return ""
+    tags = [(tag, key.parent) for key in all_keys() if key.name == "type" for tag in key.types[-1:]]
+    found = [(tag, table) for other in (_other_name(word), word) for tag, table in tags if tag == other]
+    return f"type = {literal(found[0][0])} in {found[0][1]}" if found else ""
+
+
 def _types(location: tuple[Any, ...]) -> list[str]:
     """Types that a table at a place of the schema may have."""
     return [tag for table in _at(location) for tag in _tags(table)]
@@ -78,7 +118,7 @@ def _instead(location: tuple[Any, ...]) -> str:
     """What a model takes in place of a key of other models, if known."""
     kind = model_kinds().get(str(location[-2])) if len(location) > 1 else None
     found = kind.others.get(str(location[-1])) if kind else None
-    return f"; remedy: {found}" if found else ""
+    return found or ""
 
 
 def _meaning(location: tuple[Any, ...]) -> str:
@@ -121,7 +161,9 @@ def _problem(key: str, same: list[Any]) -> str:
                 InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ..."))
             )
         case "extra_forbidden":
-            return f"unknown key {key}; {suggestion(str(location[-1]), _known(location[:-1]))}{_instead(location)}"
+            word, known = str(location[-1]), _known(location[:-1])
+            other = _instead(location) or _elsewhere(word, known)
+            return f"unknown key {key}; {suggestion(word, known)}{f'; remedy: {other}' if other else ''}"
         case "missing":
             return f"missing key {key}{_meaning(location)}"
         case "value_error" if isinstance(context["error"], InputError):  # its key is relative to the table
@@ -129,14 +171,14 @@ def _problem(key: str, same: list[Any]) -> str:
         case "union_tag_not_found" | "union_tag_invalid":
             types = _types(location)
             message = "unknown type" if "tag" in context else "the type is missing"
-            near = difflib.get_close_matches(str(context["tag"]), types, 1) if "tag" in context else types[:1]
+            near = _called(str(context["tag"]), types) if "tag" in context else types[:1]
             return str(
                 InputError(
                     message,
                     value=context.get("tag"),
                     limit=", ".join(types),
                     key=f"{key}.type",
-                    remedy=f'type = "{near[0]}"' if near else "",
+                    remedy=f"type = {literal(near[0])}" if near else _elsewhere(str(context.get("tag")), types),
                 )
             )
     words = [

@@ -23,6 +23,10 @@ from farhorizon.medium.shell import Shell
 
 End = tuple[int, int]  # axis and side, -1 or +1
 _CLOSE = 1e-6  # of a spacing: places closer to each other than this coincide
+_ACROSS_LAYERS = (
+    "no size of the near field helps where a layer leaves through a side; for a wave that travels across all layers, a "
+    "1D lattice, or Periodic sides along them, with a source on one plane; oblique plane waves are not available there"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -457,15 +461,17 @@ def check_scatterers(
         within = (places >= lower[axis]) & (places <= upper[axis])
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
     first = next(one for every in gather(material[~inner][:1].tolist()) for one in every)
-    other = np.argwhere(~inner & ~(material == first))[:1]
-    found = [place for every in gather(lattice.lower + lattice.spacing * other) for place in every]
-    if found:
+    other = lattice.lower + lattice.spacing * np.argwhere(~inner & ~(material == first))
+    leaving = ((other < whole.lower + close) | (other > whole.upper - close)).any(1)
+    mine = [(bool(leaving[at]), other[at].tolist()) for at in ([int(leaving.argmax())] if len(other) else [])]
+    if found := [one for every in gather(mine) for one in every]:
+        leaves, place = max(found, key=lambda one: one[0])
         raise InputError(
             "the medium is not uniform near the faces of an incident wave's box, or beyond",
-            value=f"another one at {shown(found[0])}",
+            value=f"another one at {shown(place)}",
             limit=limit,
             key="incident.within",
-            remedy="enlarge the near field",
+            remedy=_ACROSS_LAYERS if leaves else "enlarge the near field, or the box if it is given",
         )
     return float(first)
 

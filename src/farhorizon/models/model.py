@@ -433,6 +433,8 @@ def _instead_of_none(key: str) -> str:
     """Return a hint at how to describe a medium or a strength of zero."""
     if key.endswith(("critical_stretch", "fracture_energy")):
         return "a crack where bonds are cut from the start; leave it out, or give a large one, where none break"
+    if key.endswith("shear"):
+        return "a fluid without a solid is a model of type wave; a fluid beside a solid is not available"
     return "where there is no medium, leave it out of the lattice: body=..."
 
 
