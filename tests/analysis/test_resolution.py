@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.resolution import ENOUGH, resolution
+from farhorizon.analysis.resolution import ENOUGH, dispersion, lines_of, resolution
 
 LINE = fh.Stencil.finite_difference(1)
 
@@ -39,3 +39,26 @@ def test_the_spacing_that_resolves(stencil, frequency):
     """At the spacing that is returned the shortest wave has exactly the required number of nodes."""
     _, scale = resolution(stencil, 1.0, 0.5, frequency)
     assert resolution(stencil, 1.0 / scale**2, 0.5 * scale, frequency).nodes == pytest.approx(ENOUGH, rel=1e-4)
+
+
+@pytest.mark.parametrize("kernel", [LINE, fh.Kernel(2.0)], ids=["finite differences", "kernel"])
+@pytest.mark.parametrize("nodes", [12, 24, 48])
+def test_the_error_of_a_trace(kernel, nodes):
+    """In 1D the velocity far from a point source is the signal, at the speed of long waves ``s(t - r/c) / (2 c)``.
+
+    The tolerance of a tenth is for the amplitudes, which the lattice changes by up to ``(k spacing)^2 / 8``.
+    """
+    signal, way = fh.Ricker(1.0 / nodes), 6 * nodes
+    receivers = fh.Receivers([(way,)], record=["v"])
+    source = fh.PointSource((0.0,), time=signal)
+    lattice, until = fh.Lattice(1.0, -5.0, way + 5.0), way + 2 * signal.end
+    sim = fh.Simulation(lattice, fh.Wave(kernel), fh.Exact(), sources=[source], observe=[receivers])
+    sim.run(until, progress=False)
+    times = receivers.times - sim.dt / 2
+    exact = np.where(times > way, signal(np.maximum(times - way, 0.0)), 0.0) / 2
+    frequencies = np.linspace(0.0, signal.highest_frequency, 257)
+    given = frequencies, np.abs(signal.spectrum(frequencies)), way
+    found = dispersion(lines_of(sim.stencil), 1.0, sim.dt, *given)
+    measured = np.abs(receivers.data["v"][:, 0] - exact).max() / np.abs(exact).max()
+    assert found.error == pytest.approx(measured, rel=0.1)
+    assert found.cycles > 0

@@ -1,5 +1,7 @@
 """What `check` reports about the shortest waves of signals."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,22 @@ def test_a_signal_that_is_not_resolved():
     sources = [fh.PointSource((0.0, 0.0), time=fh.Ricker(0.07))]
     sim = fh.Simulation(finer, fh.Wave(fh.Kernel(2.0 * spacing)), fh.Fixed(), sources=sources, threads=1)
     assert sim.check(budget=0.1).numbers["shortest_wave_nodes"] == pytest.approx(6.0, rel=1e-2)
+
+
+def test_what_dispersion_does_on_the_longest_way():
+    """The way is that to the farthest receiver, or else to the farthest corner; the recommended spacing leaves what the
+    note says.
+    """
+    to_corner = report(fh.Ricker(0.05))
+    near = report(fh.Ricker(0.05), observe=[fh.Receivers([(3.0, 0.0), (0.0, 5.0)])])
+    assert 0 < 2 * near.numbers["trace_error"] < to_corner.numbers["trace_error"]
+    [note] = [note for note in to_corner.notes if "dispersion" in note]
+    assert "after a way of 14.1" in note and f"{100 * to_corner.numbers['trace_error']:.2g} %" in note
+    spacing = float(re.search(r"spacing = (\S+) leaves 5 %", note)[1])
+    lattice = fh.Lattice(spacing, (-10.0, -10.0), -10.0 + spacing * np.ceil(20 / spacing) * np.ones(2))
+    sources = [fh.PointSource((0.2, 0.3), time=fh.Ricker(0.05))]
+    finer = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0 * spacing)), fh.Fixed(), sources=sources, threads=1)
+    assert finer.check(budget=0.1).numbers["trace_error"] == pytest.approx(0.05, rel=0.1)  # the spacing has two digits
 
 
 @pytest.mark.parametrize(("unit", "told"), [(1.0, []), (10.0, ["notes"]), (1e3, ["warnings"])])
