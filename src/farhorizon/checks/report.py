@@ -29,7 +29,7 @@ from farhorizon.checks.facts import (
     size_rows,
     wave_rows,
 )
-from farhorizon.checks.price import Price, extended_price, layered, price, two_digits
+from farhorizon.checks.price import Price, extended_price, layered, price, seconds_near_breaking, two_digits
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -65,6 +65,7 @@ _SHORT = (
     "front",
     "cheapest sides",
     "time",
+    "time near breaking",
     "time in all",
     "outputs",
 )
@@ -206,7 +207,8 @@ class Report:
     reflections : list of Reflections
         One for each kind of absorbing side.
     numbers : dict of str to float
-        Values of the rows for use by programs: "dt", "step_limit", "seconds", "steps", "memory"; for the extended
+        Values of the rows for use by programs: "dt", "step_limit", "seconds", "steps", "memory"; where bonds may
+        break "seconds_near_breaking", if all were strained to half of that; for the extended
         domain relative to this run "extended_nodes", "extended_cost", "extended_memory", or for layers relative to this
         run on an extended domain "layer_nodes", "layer_cost", "layer_memory"; for layers chosen for these data
         "returned"; from `farhorizon check` "seconds_in_all".
@@ -275,6 +277,8 @@ class Report:
             parts.append(f"about {seconds(numbers['seconds_in_all'])} in all")
         elif "seconds" in numbers:
             parts.append(f"about {seconds(numbers['seconds'])} of steps")
+        if numbers.get("seconds_near_breaking", 0.0) > 2 * numbers.get("seconds", 0.0):
+            parts.append(f"up to {seconds(numbers['seconds_near_breaking'])} of steps near breaking")
         parts.append(mebibytes(numbers["memory"]))
         if "returned" in numbers:
             parts.append(f"layers chosen to reflect {numbers['returned']:.1g} of the largest value")
@@ -411,6 +415,15 @@ class Report:
         """Estimate the time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt - _FITS))
         mine = price(sim, self.estimate(sim, steps, until) / steps)
+        breaks = sim.model.bond_law is not None and np.isfinite(sim.engine.bonds.limit)
+        if breaks and sim.lattice.dim > 1:
+            most = max(seconds_near_breaking(sim), mine.seconds)
+            self.numbers["seconds_near_breaking"] = most * steps
+            self._say(
+                "time near breaking",
+                f"up to {seconds(most * steps)}: a step takes {two_digits(most / mine.seconds)} times as long while "
+                "all bonds are strained to half of what breaks them",
+            )
         if any(b.extended for b in sim.sides.values()):
             self._compare_with_layer(sim, mine, until, steps)
             return
