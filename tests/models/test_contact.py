@@ -172,6 +172,21 @@ def test_cracks_that_close_near_a_layer_stay_open():
         assert (np.abs(found[0] - found[1]).max() > 1e-9 * np.abs(found[0]).max()) == carry
 
 
+@pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
+def test_a_run_with_contact_says_that_closed_cracks_stick(name):
+    """Once, and not where no face can close."""
+    lattice, crack = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), [[(-1.0, -1.1), (1.0, 1.2)]]
+    said = {}
+    for contact in (True, False):
+        model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, contact=contact) if name == "bond-based" else material(name)
+        if name != "bond-based" and not contact:
+            model = material(name, contact=False)
+        for cracks in (crack, []):
+            notes = fh.Simulation(lattice, model, fh.Free(), cracks=cracks).notes
+            said[contact, bool(cracks)] = sum("closed cracks stick" in note for note in notes)
+    assert said == {(True, True): 1, (True, False): 0, (False, True): 0, (False, False): 0}
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
 def test_extended_domains_continue_cracks_that_close(name):

@@ -1,5 +1,7 @@
 """Time steps that divide intervals of outputs and lengths of runs."""
 
+import copy
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -129,3 +131,63 @@ def test_steps_that_cannot_be_counted_are_refused(most):
     with pytest.raises(fh.InputError, match="cannot be counted") as refused:
         fh.WholeSteps(every=4.5, until=18.0)(most)
     assert refused.value.key == "dt" and refused.value.remedy
+
+
+def _scattering(**options):
+    speed = options.pop("speed", "where((x - 3)**2 + (y - 2)**2 < 2, 1.6, 1.5)")
+    sources = [fh.PointSource((-4.0, 0.03), time=fh.Ricker(0.1))]
+    lattice, model = fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0)), fh.Wave(fh.Kernel(1.0), speed=speed)
+    return fh.Simulation(lattice, model, fh.LatticePML(nodes=8), **{"sources": sources, **options})
+
+
+def _said(sim):
+    return [note for note in sim.notes if "was chosen for this medium" in note]
+
+
+def test_a_run_to_be_compared_says_which_step_it_chose():
+    """With the step that the note names, the fields of two runs are equal until the wave meets the inclusion."""
+    sim = _scattering()
+    [note] = _said(sim)
+    dt = float(re.search(r"dt = (\S+) was", note)[1])
+    assert dt == sim.dt
+    wave = fh.IncidentWave((1.0, 0.0), "exp(-(t - 8)**2)", 16.0)
+    assert len(_said(_scattering(speed=1.5, sources=[wave]))) == 1
+    for silent in (
+        _scattering(dt=dt),
+        _scattering(speed=1.5),
+        _scattering(sources=[], initial={"u": "exp(-x**2-y**2)"}),
+    ):
+        assert not _said(silent)
+    apart = {}
+    for name, options in {"same": {"dt": dt}, "own": {}}.items():
+        total, alone = (_scattering(**options, **more).run(6.0, progress=False) for more in ({}, {"speed": 1.5}))
+        seen = [run.fields["u"][:8] for run in (total, alone)]  # x up to -2.5, where nothing scattered arrives so early
+        apart[name] = np.abs(seen[0] - seen[1]).max() / np.abs(seen[1]).max()
+    assert apart["own"] > 100 * apart["same"]
+
+
+@pytest.mark.parametrize("model", [fh.Heat(fh.Kernel(1.5)), fh.Diffusion(fh.Kernel(1.5))], ids=["heat", "diffusion"])
+def test_many_steps_of_euler_name_the_faster_method(model):
+    """The named step is stable, and the named saving is that of the sums over bonds."""
+    lattice, start = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)), {"u": "exp(-x**2 - y**2)"}
+    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=6), start)
+    until = 150_000 * sim.dt
+    sim.prepare(until / 2)
+    assert not any("rkc" in note for note in sim.notes)
+    sim.prepare(until)
+    [note] = [note for note in sim.notes if 'integrator = "rkc"' in note]
+    longest, fewer = (float(re.search(text, note)[1]) for text in (r"steps of up to (\S+),", r"(\S+) times fewer"))
+    faster = copy.copy(model)
+    faster.integrator = fh.RungeKuttaChebyshev()
+    other = fh.Simulation(lattice, faster, fh.LatticePML(nodes=6), start, dt=longest)
+    assert fewer == pytest.approx(longest / sim.dt / 20, rel=0.05)
+    other.run(40 * longest, progress=False)
+    assert np.abs(other.fields["u"]).max() < 0.1  # of 1: it decays, as it does not beyond the limit
+
+
+def test_euler_where_no_other_method_serves_says_nothing():
+    """Conditions along an outline need one stage a step."""
+    lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
+    sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(1.5)), fh.PlaneWave(), {"u": "exp(-x**2 - y**2)"})
+    sim.prepare(200_000 * sim.dt)
+    assert not any("rkc" in note for note in sim.notes)

@@ -31,6 +31,7 @@ from farhorizon.simulation.drives import (
     incidence,
     incident_waves,
     jumps,
+    signals,
     split_drives,
 )
 from farhorizon.simulation.extension import Emitters, extend
@@ -41,7 +42,7 @@ from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
-from farhorizon.simulation.start import Start, check_range, drifting, start_of
+from farhorizon.simulation.start import Start, check_range, drifting, own_step, start_of
 from farhorizon.simulation.stiffening import least_stiffening, stiffening, trial_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
@@ -52,6 +53,11 @@ from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_side
 T = TypeVar("T")
 
 #: Note on cracks whose faces can meet and that run into sides beyond which they cannot.
+_STICKS = (
+    "closed cracks stick: contact acts along the bonds, without a law of friction, so that a crack under pressure does "
+    "not slide (it transmits all of an S pulse; one without pressure 0.65 to 0.85 of its amplitude) and wing cracks do "
+    "not form; with contact = false faces slide, but pass through each other"
+)
 _STAYS_OPEN = (
     "the faces of a crack do not meet within one reach of {} and beyond: compression is reflected there; "
     "Extended continues cracks whose faces meet, contact = false disables contact"
@@ -317,6 +323,7 @@ def assembled(
     cuts = CutBonds(near, around, grid, closure, free_rim, beyond.notes)
     law = setup.model.bond_law
     incident = [incidence(one, near, sides, beyond.notes) for one in found.waves]
+    beyond.notes.extend(own_step(setup, near, bool(incident or (near.varies and signals(setup)))))
     regions = [one.region for one in incident]
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts, regions, team)
     if law is not None and law.nonlinear and incident:
@@ -414,6 +421,8 @@ def _cut(setup: Setup, cuts: CutBonds, breaking: Breaking | None, notes: list[st
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
+    if breaking is not None and breaking.law.contact and (setup.cracks or np.isfinite(breaking.critical_stretch)):
+        notes.append(_STICKS)
     if breaking is not None and (ends := breaking.open_ends(_cuts(setup))):
         notes.append(_STAYS_OPEN.format(", ".join(side_name(*key) for key in ends)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from farhorizon.checks.price import extended_price, price
 from farhorizon.errors import InputError
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.machine import available_memory
+from farhorizon.medium.integrators import Euler, RungeKuttaChebyshev
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.described import rebuild
@@ -24,6 +26,7 @@ from farhorizon.simulation.surroundings import Foretold, Surroundings
 # times up to which errors are predicted next, relative to that up to which they are known; the second one is tried if
 # a target is missed by the first
 _AHEAD = 1.5, 1.05
+_MANY = 100_000  # steps: assembling another set-up, in order to see what it saves, takes less time than some of these
 _LONGER = "LatticePML(target=..., until=...) chooses them for a longer run"
 
 
@@ -31,6 +34,7 @@ class Changeable(Examined, Protocol):
     """A set-up before its run whose sides can be replaced."""
 
     step_count: int
+    team: Any
 
     def examine(self, until: float) -> object:
         """Examine the stability of a run; raise InputError if it is refused."""
@@ -202,6 +206,27 @@ def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, unti
     for text in outlasted(around, model, until, dt):
         if text not in told:
             warn(text)
+
+
+def many_steps(run: Changeable, until: float) -> list[str]:
+    """Return a note on a run of many steps of Euler's method, if a method of more stages can take fewer."""
+    steps, model = int(np.ceil(until / run.dt)), copy.copy(run.model)
+    if not isinstance(model.integrator, Euler) or steps < _MANY or run.team:
+        return []
+    model.integrator = RungeKuttaChebyshev()
+    try:
+        other = run.remade(model=model, dt=None)
+    except InputError:
+        return []
+    stages, longest = model.integrator.chebyshev, other.step_limit / 2  # half of the limit, as Euler's steps have
+    sums = stages * until / longest
+    if sums > steps / 2:
+        return []
+    return [
+        f"Euler's method takes {steps} steps of {run.dt:.3g} to t = {until:g}, as its stability requires: "
+        f'integrator = "rkc" is stable with steps of up to {longest:.3g}, each of {stages} sums over the bonds, '
+        f"{steps / sums:.2g} times fewer in all; give it the dt that the data and their changes in time require"
+    ]
 
 
 def settled_sides(around: Surroundings, model: LatticeModel) -> dict[str, Side]:

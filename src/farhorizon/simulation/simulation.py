@@ -40,7 +40,7 @@ from farhorizon.simulation.remaking import remade_setup, shortened_setup
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
-from farhorizon.simulation.settling import Settling, outlasted, settled_sides, warn_outlasted
+from farhorizon.simulation.settling import Settling, many_steps, outlasted, settled_sides, warn_outlasted
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.share import Share, checked_topology
 from farhorizon.simulation.steps import last_step, seconds_of
@@ -233,7 +233,7 @@ class Simulation(Run):
         """
         with self.team.agreed():
             self._march.moving.check(until)
-        self._incident_notes = foreseen(self.incident, until)
+        self._incident_notes = foreseen(self.incident, until) + many_steps(self, until)
 
     def prepare(self, until: float) -> int:
         """Prepare the sides, sources and exact ends of a run, as `run` does first; returns the number of the last step.

@@ -83,6 +83,19 @@ def drifting(near: NearField, sides: Sides, dtype: str) -> list[str]:
     ]
 
 
+def own_step(setup: Setup, near: NearField, scatters: bool) -> list[str]:
+    """Return a note on the automatic step of a run of waves in which something scatters, and from which that without it
+    may be subtracted.
+    """
+    if near.model.order == 1 or not (scatters and (setup.dt is None or callable(setup.dt))):
+        return []
+    return [
+        f"dt = {float(near.dt)!r} was chosen for this medium: where the field of another run, such as that without the "
+        "scatterer, is to be subtracted, give both the smaller of their steps, because with steps of their own their "
+        "waves disperse differently, and the difference is wrong by per cents of the field before anything is hit"
+    ]
+
+
 def begun(start: Start, incident: Sequence[Incidence]) -> Start:
     """Return the initial data, including those of incident waves that are already in their boxes."""
     parts = [one.initial() for one in incident if not one.passage.rests]
