@@ -1,5 +1,6 @@
 """Runs to the static state: against static solutions, and set-ups that have none."""
 
+import contextlib
 import os
 
 import numpy as np
@@ -121,6 +122,55 @@ def test_a_run_in_two_parts_knows_what_it_has_seen(tmp_path):
     second = wave(initial={"u": "exp(-(x**2 + y**2)/4)"})
     second.load(tmp_path / "state")
     assert second.peak == first.peak > 0
+
+
+def stopped(sim, last, **ends):
+    """Interrupt a run to its static state at a step; it may have ended before."""
+
+    def stop(run):
+        run.stop_requested = run.step_count >= last
+
+    sim.observers.append(stop)
+    with contextlib.suppress(KeyboardInterrupt):
+        sim.run("static", every=sim.dt, progress=False, **ends)
+    return sim
+
+
+LATE = fh.Source("exp(-(x**2 + y**2)/2)", fh.Ricker(0.05, delay=30.0))
+LINE = fh.Lattice(1.0, 0.0, 20.0), fh.Diffusion(fh.Stencil.finite_difference(1)), fh.Free()
+HOT = [fh.Temperature("x-", 0.0), fh.Temperature("x+", 1.0)]
+#: Run, tolerance and latest end; the last ones end there, moving.
+RESUMED = {
+    "waves of a load that ends": (lambda: wave(sources=[LATE]), 0.01, 400.0),
+    "diffusion": (lambda: fh.Simulation(*LINE, constraints=HOT), 0.01, 2000.0),
+    "waves to the latest end": (lambda: wave(sources=[LATE]), 0.01, 80.0),
+    "diffusion to the latest end": (lambda: fh.Simulation(*LINE, constraints=HOT), 1e-6, 300.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")
+@pytest.mark.parametrize("name", RESUMED)
+def test_a_run_that_was_stopped_several_times_ends_where_an_undisturbed_one_does(tmp_path, name):
+    """At the same step, with the same field to the last bit: also if it is stopped in its last moments."""
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    make, tolerance, limit = RESUMED[name]
+    ends = {"tolerance": tolerance, "limit": limit}
+    whole = make().run("static", progress=False, **ends)
+    last = whole.step_count
+    assert (whole.time < limit) == ("latest" not in name)
+    for latest in (1, last // 2, last - 2, last):  # within one window of the end, too
+        stops = [*sorted(int(stop) for stop in rng.integers(1, latest + 1, 2)), latest]
+        for number, stop in enumerate(stops):
+            sim = make()
+            if number:
+                sim.load(tmp_path / "state")
+            stopped(sim, stop, **ends).save(tmp_path / "state")
+        sim = make()
+        sim.load(tmp_path / "state")
+        sim.run("static", progress=False, **ends)
+        assert sim.step_count == last and sim.peak == whole.peak, stops
+        np.testing.assert_array_equal(sim.fields["u"], whole.fields["u"])
 
 
 def test_bad_input_is_refused():

@@ -33,10 +33,13 @@ class Piece(NamedTuple):
     axes: tuple[int, ...]
 
 
-def pieces_of(engine: Engine) -> dict[str, Piece]:
-    """Return all pieces of a state by name: of each level, and of each pass and layer."""
+def pieces_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> dict[str, Piece]:
+    """Return all pieces of a state by name: of each level, of further ones that have their form, and of each pass and
+    layer.
+    """
     every = np.stack([engine.layout.box.node_indices() + c * engine.layout.size for c in range(engine.components)])
-    found = {f"level/{k}": Piece(level, every, (0, 1, 2)) for k, level in enumerate(engine.levels)}
+    levels = {f"level/{k}": level for k, level in enumerate(engine.levels)} | dict(more or {})
+    found = {name: Piece(level, every, (0, 1, 2)) for name, level in levels.items()}
     for name, places, axes in engine.remembered():
         found[name] = Piece(engine.memory, places, axes)
     for word, bits in enumerate(engine.bonds.table.alive):
@@ -48,9 +51,9 @@ def pieces_of(engine: Engine) -> dict[str, Piece]:
     return found
 
 
-def values_of(engine: Engine) -> dict[str, np.ndarray]:
-    """Return copies of the values of all pieces by name."""
-    return {name: piece.held[piece.places] for name, piece in pieces_of(engine).items()}
+def values_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
+    """Return copies of the values of all pieces by name; `more` as in `pieces_of`."""
+    return {name: piece.held[piece.places] for name, piece in pieces_of(engine, more).items()}
 
 
 def sums_of(engine: Engine) -> dict[str, float]:
@@ -101,10 +104,12 @@ class Assembly:
     engine : Engine
     box : Box
         Position of its own box.
+    more : mapping of str to ndarray, optional
+        As in `pieces_of`.
     """
 
-    def __init__(self, engine: Engine, box: Box) -> None:
-        self._engine, self._pieces, self._box = engine, pieces_of(engine), box
+    def __init__(self, engine: Engine, box: Box, more: Mapping[str, np.ndarray] | None = None) -> None:
+        self._engine, self._pieces, self._box = engine, pieces_of(engine, more), box
         self._values = {name: piece.held[piece.places] for name, piece in self._pieces.items()}
         self._lacks = {
             name: np.ones(piece.places.shape[-len(piece.axes) :], bool) for name, piece in self._pieces.items()

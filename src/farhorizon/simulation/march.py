@@ -75,6 +75,8 @@ class March:
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
         self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]), team)
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
+        self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
+        self._seen_at = 0
         self.heating = self._heating(run_of)
         self._lay_start()
         if parts.breaking is not None:
@@ -152,6 +154,16 @@ class March:
         if self.parts.near.model.order == 1:
             return None
         return self.team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
+
+    def change(self, step: int) -> float | None:
+        """Return the largest change of the near field per step since this was called before; None the first time."""
+        grid, before, since = self.parts.grid, self._seen.get("seen"), step - self._seen_at
+        self._seen, self._seen_at = {"seen": grid.engine.current.copy()}, step
+        if before is None or not since:
+            return None
+        now, then = (grid.view(level).reshape(self.parts.near.field_shape) for level in (self._seen["seen"], before))
+        moved = np.abs(self.parts.near.visible(np.subtract(now, then, dtype=float)))
+        return self.team.largest(float(moved.max(initial=0, where=~np.isnan(moved)))) / since
 
     def driven(self, t: float) -> list[np.ndarray]:
         """Return all that drives the run at a time: amplitudes of sources and conditions that split into space and
@@ -279,8 +291,9 @@ class March:
         """
         self.open_cracks(step)  # as at the beginning of the next step: `take` opens cracks that are due then
         engine, balance = self.parts.grid.engine, self.flow_balance
-        arrays: Arrays = values_of(engine)
+        arrays: Arrays = values_of(engine, self._seen)
         meta: dict[str, Any] = {"step": step, "phase": int(engine.phase)}
+        meta |= {"seen_at": self._seen_at} if self._seen else {}
         meta |= {"boxes": self.team.gather(self.box), "scale": self.team.largest(self.feed.scale), "sums": self.sums()}
         meta["first_amounts"] = {} if balance is None else balance.first
         if not self.team:
@@ -302,7 +315,9 @@ class March:
         their arrays, one after the other. Returns whether they cover the box of this process and match it.
         """
         engine, step, own = self.parts.grid.engine, int(meta["step"]), self.box
-        made = Assembly(engine, own)
+        self._seen_at = int(meta.get("seen_at", 0))
+        self._seen = {"seen": np.zeros_like(engine.current)} if "seen_at" in meta else {}
+        made = Assembly(engine, own, self._seen)
         arrays: Mapping[str, np.ndarray] = {}
         for box, arrays in states:
             if common(own, box, (0, 1, 2)) is not None and not made.add(box, arrays):

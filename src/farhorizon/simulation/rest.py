@@ -30,6 +30,9 @@ class Resting(Protocol):
     def kinetic(self) -> float | None:
         """Return the kinetic energy of the near field; None for diffusion, and where velocities are not kept."""
 
+    def change(self, step: int) -> float | None:
+        """Return the largest change of the field per step since this was called before; None the first time."""
+
     def driven(self, t: float) -> Sequence[np.ndarray]:
         """Return all that drives the run at a time, as numbers that show whether it changes."""
 
@@ -42,6 +45,7 @@ class Running(Protocol):
     step_count: int
     background: float
     peak: float
+    rest: Rest | None
     resting: Resting
     team: Team
 
@@ -71,6 +75,8 @@ class Rest:
         Number of steps for which a run has to be quiet, and from one check to the next.
     quiet : int or None
         Step since which the run has been quiet.
+    checked : int or None
+        Step at which this was checked last.
     """
 
     tolerance: float
@@ -79,11 +85,12 @@ class Rest:
     window: int
     pace: int
     quiet: int | None = None
-    _before: np.ndarray | None = None
+    checked: int | None = None
 
     @classmethod
     def of(cls, run: Running, tolerance: float | None, limit: float | None) -> Rest:
-        """Return the criterion for a run, from its present state on.
+        """Return the criterion for a run, from its present state on. It continues the one by which the run has been
+        judged so far, also before a checkpoint, if it is the same.
 
         Parameters
         ----------
@@ -100,13 +107,19 @@ class Rest:
         """
         tolerance = TOLERANCE if tolerance is None else kinds.number(tolerance, "run.tolerance", above=0, below=1)
         window = run.resting.slow_crossing
-        limit = run.time + _PATIENCE * window if limit is None else kinds.number(limit, "run.limit", above=0)
+        before = run.rest
+        if limit is None:
+            ahead = run.time + _PATIENCE * window
+            limit = ahead if before is None or before.limit <= run.time else before.limit
+        else:
+            limit = kinds.number(limit, "run.limit", above=0)
         limit = checked_end(limit, run.dt)
         check_ahead(run, limit, "run.limit")
         steps = max(_LOOKS, last_step(window, run.dt))
-        looks = np.linspace(run.time, limit, max(2, int(_LOOKS * (limit - run.time) / window)))
+        # from the beginning, wherever the run stands: what drove it first is what later changes are compared with
+        looks = np.linspace(0.0, limit, max(_LOOKS, int(_LOOKS * limit / window)))
         settled = run.team.largest(_last_change(run.resting, looks, tolerance))
-        if settled > limit - window:
+        if settled > max(limit - window, 0.0):
             raise InputError(
                 "what drives the run still changes up to its latest end, so the run does not come to rest",
                 value=f"t = {settled:.6g}",
@@ -114,29 +127,36 @@ class Rest:
                 key="run.until",
                 remedy="loads that stay or end, a later limit, or a time",
             )
-        return cls(tolerance, limit, settled, steps, steps // _LOOKS)
+        made = cls(tolerance, limit, settled, steps, steps // _LOOKS)
+        same = before is not None and (before.tolerance, before.settled) == (tolerance, settled)
+        if before is not None and same and run.step_count - (before.checked or 0) <= made.pace:
+            made.quiet, made.checked = before.quiet, before.checked
+        return made
+
+    def over(self, run: Running) -> bool:
+        """Whether the present state of the run has been checked, and the run had come to rest."""
+        return self.checked == run.step_count and self.quiet is not None and self.checked - self.quiet >= self.window
 
     def reached(self, run: Running) -> bool:
         """Check the present state of the run; returns whether the run has come to rest."""
+        self.checked = run.step_count
         still = run.time >= self.settled and self._still(run)
         if not still:
             self.quiet = None
         elif self.quiet is None:
             self.quiet = run.step_count
-        return self.quiet is not None and run.step_count - self.quiet >= self.window
+        return self.over(run)
 
     def _still(self, run: Running) -> bool:
         kinetic = run.resting.kinetic()
         if kinetic is not None:
             run.peak = max(run.peak, kinetic)
             return kinetic <= self.tolerance**2 * run.peak
-        now, before = run.fields["u"] - run.background, self._before
-        self._before = now
-        run.peak = max(run.peak, run.team.largest(_size(now)))
-        if before is None:
+        run.peak = max(run.peak, run.team.largest(_size(run.fields["u"] - run.background)))
+        change = run.resting.change(run.step_count)
+        if change is None:
             return False
-        rate = run.team.largest(_size(now - before)) / (self.pace * run.dt)
-        return rate * (run.time - self.settled) <= self.tolerance * run.peak
+        return change / run.dt * (run.time - self.settled) <= self.tolerance * run.peak
 
 
 def _size(field: np.ndarray) -> float:

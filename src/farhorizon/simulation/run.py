@@ -25,7 +25,7 @@ from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.output import RunResults, written
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.rest import Resting, coming_to_rest
+from farhorizon.simulation.rest import Rest, Resting, coming_to_rest
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
 from farhorizon.simulation.team import ALONE, Team
@@ -69,6 +69,8 @@ class Run(ABC):
     peak : float
         The largest kinetic energy, for diffusion the largest difference from the background, that occurred in a run to
         its static state.
+    rest : Rest or None
+        Criterion of such a run.
     resting : Resting
         Determines whether the run has come to rest.
     team : Team
@@ -104,6 +106,7 @@ class Run(ABC):
         self.time, self.step_count = 0.0, 0
         self.next_look = 0
         self.peak = 0.0
+        self.rest: Rest | None = None
         self._examination = Examination()
         self._remarks: list[str] = []
         self.guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
@@ -179,10 +182,11 @@ class Run(ABC):
         last = self.prepare(end)
         self.examine(end, allow_unstable)
         show = progress if self.team.number == 0 else False
+        self.rest = rest
         with written(self, output):
             if rest is None:
                 go(self, last, count, show)
-            elif go(self, last, count, show, lambda: rest.reached(self), rest.pace):
+            elif rest.over(self) or go(self, last, count, show, lambda: rest.reached(self), rest.pace):
                 self._remarks.append(f"static at t = {self.time:.6g}, to a tolerance of {rest.tolerance:g}")
             else:
                 say_doubt(self, "not static", f"the run, ended by its limit, is not static to {rest.tolerance:g}")

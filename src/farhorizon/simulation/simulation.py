@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -37,6 +37,7 @@ from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup, shortened_setup
+from farhorizon.simulation.rest import Rest
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
@@ -495,6 +496,7 @@ class Simulation(Run):
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, with the memory of the boundaries, to a temporary file, which is then renamed."""
         kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
+        kept |= {} if self.rest is None else {"rest": asdict(self.rest)}
         path = kinds.path(path, "path")
         given = self.given if self.share is None else self.share.given
         write_state(path, self._march, self.step_count, self._recording.state(), kept, given)
@@ -508,4 +510,5 @@ class Simulation(Run):
         self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         self.peak = float(meta.get("peak", 0.0))
+        self.rest = Rest(**meta["rest"]) if "rest" in meta else None
         return dict(meta["extra"])
