@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from farhorizon.errors import InputError
+
 _SET = (
     "openblas_set_num_threads",
     "openblas_set_num_threads64_",
@@ -103,17 +105,106 @@ def uninterrupted() -> Iterator[None]:
 
 
 def available_memory() -> int:
-    """Bytes of memory still available on this machine, according to the operating system; all of its memory if that is
-    unknown.
+    """Bytes of memory that this process may still take: the least of what the machine has available (all of its memory
+    if that is unknown), what each of its control groups leaves (those of a container, a service or a job), what its
+    own limits leave (`ulimit -v` and `-d`), and what Slurm has granted on this machine.
+    """
+    return max(0, min([_of_machine(), *_left_by_groups(), *_left_by_limits(), *_granted_by_slurm()]))
+
+
+def check_fits(need: float, what: str, key: str, remedy: str) -> None:
+    """Refuse something that needs more bytes than `available_memory`, before they are asked for.
+
+    Raises
+    ------
+    InputError
+    """
+    if need > (most := available_memory()):
+        raise InputError(
+            f"{what} do not fit into memory",
+            value=f"about {need / 2**30:.3g} GiB",
+            limit=f"{most / 2**30:.3g} GiB available",
+            key=key,
+            remedy=remedy,
+        )
+
+
+def _of_machine() -> int:
+    found = _numbers_in(Path("/proc/meminfo")).get("MemAvailable:")
+    if found is not None:
+        return 1024 * found
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 1 << 62
+
+
+def _numbers_in(path: Path) -> dict[str, int]:
+    """Return the numbers that follow the first word of each line of a file, by that word; none if it cannot be read."""
+    try:
+        rows = [line.split() for line in path.read_text().splitlines()]
+    except (OSError, ValueError):
+        return {}
+    return {row[0]: int(row[1]) for row in rows if len(row) > 1 and row[1].isdecimal()}
+
+
+def _number_in(path: Path) -> int | None:
+    """Return the number that a file consists of; None if it cannot be read, or holds a word such as `max`."""
+    try:
+        text = path.read_text().strip()
+    except (OSError, ValueError):
+        return None
+    return int(text) if text.isdecimal() else None
+
+
+def _left_by_groups(process: Path = Path("/proc/self")) -> Iterator[int]:
+    """Yield what the memory controllers of Linux leave: those of the groups of a process and of all groups around
+    them, of both versions. Pages of files that are not in use count as free, because the kernel drops them first.
     """
     try:
-        with open("/proc/meminfo") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return 1024 * int(line.split()[1])
-    except OSError:
-        pass
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 1 << 62
+        mounts = [line.split() for line in (process / "mountinfo").read_text().splitlines()]
+        groups = [line.split(":", 2) for line in (process / "cgroup").read_text().splitlines()]
+    except (OSError, ValueError):
+        return
+    for mount in mounts:
+        kind, options = mount[mount.index("-") + 1], mount[-1].split(",")
+        if kind == "cgroup2":
+            own, limit, used, cached = "", "memory.max", "memory.current", "inactive_file"
+        elif kind == "cgroup" and "memory" in options:
+            own, limit, used, cached = "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+        else:
+            continue
+        top = Path(mount[4])
+        paths = [Path(path) for _, names, path in groups if own in names.split(",")]
+        for path in paths:
+            # a container may see only its own group, mounted at the top, under a path of the machine
+            below = path.relative_to(mount[3]) if path.is_relative_to(mount[3]) else Path()
+            for folder in (top / below, *(top / one for one in below.parents)):
+                most, taken = _number_in(folder / limit), _number_in(folder / used)
+                if most is not None and taken is not None:
+                    yield most - taken + _numbers_in(folder / "memory.stat").get(cached, 0)
+
+
+def _left_by_limits() -> Iterator[int]:
+    """Yield what the limits of the process on its address space and its data leave."""
+    try:
+        import resource
+
+        pages = [int(n) for n in Path("/proc/self/statm").read_text().split()]
+    except (ImportError, OSError, ValueError):  # not Linux
+        return
+    for kind, taken in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
+        most = resource.getrlimit(kind)[0]
+        if most != resource.RLIM_INFINITY:
+            yield most - taken * resource.getpagesize()
+
+
+def _granted_by_slurm() -> Iterator[int]:
+    """Yield the memory that a job has on this machine, less what this process has taken: Slurm may end a job that takes
+    more, also where no control group keeps it from doing so. The variables are in MiB; 0 stands for all memory.
+    """
+    granted = {name: os.environ.get(f"SLURM_{name}", "") for name in ("MEM_PER_NODE", "MEM_PER_CPU", "CPUS_ON_NODE")}
+    known = {name: int(text) for name, text in granted.items() if text.isdecimal()}
+    whole = known.get("MEM_PER_NODE", 0) or known.get("MEM_PER_CPU", 0) * known.get("CPUS_ON_NODE", 1)
+    if whole:
+        yield 2**20 * whole - 1024 * _numbers_in(Path("/proc/self/status")).get("VmRSS:", 0)
 
 
 def progress(total: float | None = None, unit: str = "step", show: bool | None = None, **look: Any) -> Any:

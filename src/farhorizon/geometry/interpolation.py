@@ -14,6 +14,7 @@ point over nodes, so that the transmission between two points is the same in bot
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from scipy.special import i0, i1, spherical_jn
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.machine import check_fits
 
 HALF_WIDTH = 8  # nodes to either side of a point that the windowed sinc reads
 _SHAPE = HALF_WIDTH * np.pi / 2  # of the Kaiser window: half width times the distance from the band limit pi/2 to pi
@@ -190,6 +192,10 @@ def points_on_grid(lower: Any, upper: Any, counts: Any) -> np.ndarray:
             key="grid",
             remedy="(x, y), (x, y) and (n, m) in two dimensions",
         )
+    count = math.prod(numbers)
+    # coordinates, twice while they are made; and along each axis the nodes and weights by which a field is interpolated
+    need = 8 * count * len(numbers) * (3 + 2 * HALF_WIDTH)
+    check_fits(need, f"{count:.6g} points", "grid.counts", "fewer points")
     axes = [np.linspace(a, b, n) for a, b, n in zip(*corners, numbers, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
 

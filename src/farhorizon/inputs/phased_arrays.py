@@ -15,6 +15,7 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, settle_source, spread
 from farhorizon.inputs.signals import SMALL, Delayed, Signal
 from farhorizon.inputs.sources import Source, steady
+from farhorizon.machine import check_fits
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,8 @@ class PhasedArray(LocalSource):
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""
+        need = 8.0 * components * float(np.prod(lattice.shape)) * self.elements
+        check_fits(need, f"{self.elements} elements, each on all nodes,", "source.elements", "fewer elements")
         row = np.subtract(self.last, self.first) / self._length
         width = self._length / (self.elements - 1) if self.width is None else self.width
         edges = [width * row, *([] if self.across is None else [np.asarray(self.across)])]
