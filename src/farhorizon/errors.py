@@ -27,8 +27,8 @@ class FarhorizonError(Exception):
     InputError
     """
 
-    agreed = False
-    """Whether all processes of a run have raised it."""
+    agreed = told = False
+    """Whether all processes of a run have raised it, and whether another one tells of it."""
 
 
 class InputError(FarhorizonError, ValueError):

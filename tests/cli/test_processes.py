@@ -31,7 +31,19 @@ BAD = {
     "topology": ("", ["--set", "run.topology=[3, 1]"], "do not multiply to the number of processes"),
     "no mpi4py": ("import sys; sys.modules['mpi4py'] = None; ", [], "mpi4py is missing"),
     "versions": (f"{RANK}import farhorizon; farhorizon.__version__ += '.other' * rank; ", [], "different versions"),
-    "cases": (f"{RANK}import sys; sys.argv += ['--set', f'model.speed={{rank + 1}}']; ", [], "different case files"),
+    "cases": (
+        f"{RANK}import sys; sys.argv += ['--set', f'model.speed={{rank + 1}}']; ",
+        [],
+        "case.model: the processes were given different",
+    ),
+    "ends": (f"{RANK}import sys; sys.argv += ['--until', f'{{rank + 1}}']; ", [], "--until: the processes were given"),
+    "options": (f"{RANK}import sys; sys.argv += ['--until', 'soon'] * rank; ", [], "another command line"),
+    "samples": (
+        f"{RANK}import numpy as np; np.save(f'{{rank}}.npy', np.sin(0.3 * np.arange(40.0)) * (np.arange(40) > 1)); "
+        "os.replace(f'{rank}.npy', 'samples.npy'); load = np.load; np.load = lambda at, **_: load(at) * (1 + rank); ",
+        ["--set", 'source=[{ value = "exp(-x**2)", time = { type = "samples", values = "samples.npy", dt = 0.1 } }]'],
+        "sources[0]: the processes were given different",
+    ),
     "folders of the same name": (
         f"{RANK}os.makedirs(['0', '1/case.h5.parts'][rank]); os.chdir(str(rank)); ",
         [],

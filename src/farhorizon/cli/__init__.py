@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json, said_plainly
 from farhorizon.cli.parser import command_parser
-from farhorizon.cli.processes import end_all, said_by_first, silence
+from farhorizon.cli.processes import end_all, pass_on_refusal, said_by_first, silence
 from farhorizon.machine import without_collection
 
 
@@ -60,6 +60,10 @@ def _main(arguments: Sequence[str] | None) -> int:
             code = int(options.command(options) or GOOD)
         sys.stdout.flush()  # a full disk can still be reported here
         return code
+    except SystemExit as leaving:  # of the parser, which has said why on the first process, if it was there
+        if leaving.code:
+            pass_on_refusal(sys.argv[1:] if arguments is None else arguments)
+        raise
     except KeyboardInterrupt as error:  # first, because it may arrive while other errors are imported
         end_all(options, error, _interrupted)
         return _interrupted()

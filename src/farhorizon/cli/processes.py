@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import time
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -92,18 +91,43 @@ def communicator() -> Any:
     return MPI.COMM_WORLD
 
 
+def all_processes() -> Team:
+    """Return the team of all processes that were started together; raises as `communicator` does."""
+    from farhorizon.simulation.team import Team
+
+    return Team(communicator())
+
+
+def _pass_on(error: BaseException) -> None:
+    """Report an error that came before this process knew of the others, which may wait for it when they do."""
+    if started() > 1 and isinstance(error, Exception):
+        with suppress(Exception):  # there is no mpi4py; or another process fails, too
+            team = all_processes()
+            with team.agreed():
+                raise error
+
+
+def pass_on_refusal(arguments: Sequence[str]) -> None:
+    """Report that the parser has refused the arguments of this process, to others that wait for it."""
+    from farhorizon.errors import InputError
+
+    remedy = "the same command on all processes; this one by itself says what is wrong"
+    _pass_on(InputError("a process was given another command line", value=" ".join(arguments), remedy=remedy))
+
+
 def end_all(options: argparse.Namespace | None, error: BaseException, tell: Callable[[], int]) -> None:
     """If this process failed alone among several, report it and end them all: they would wait for it for ever."""
     team: Team | None = getattr(options, "team", None)
-    if team is None or team.knows(error):
+    if team is None:
+        _pass_on(error)
         return
-    if team.number:
-        time.sleep(1.0)  # an error that all met at once is reported by the first
-    code = 1
-    with redirect_stderr(sys.__stderr__):
-        try:
-            code = tell()
-        except Exception:
-            traceback.print_exc()
-        sys.stderr.flush()
-    team.abort(code)
+
+    def told() -> int:
+        with redirect_stderr(sys.__stderr__):
+            try:
+                return tell()
+            except Exception:
+                traceback.print_exc()
+        return 1
+
+    team.end_all(error, told)

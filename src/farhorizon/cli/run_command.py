@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -12,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from farhorizon.cli.common import GOOD, case_of, check_folder, made_folder, write_json
 from farhorizon.cli.marching import RunFiles, again, march
-from farhorizon.cli.processes import communicator
+from farhorizon.cli.processes import all_processes
 
 if TYPE_CHECKING:
     from farhorizon.cli.outputs import RunFacts
-    from farhorizon.simulation.team import Team
 
 
+#: Options that must be the same on all processes; the others concern the first one alone, or its machine.
+_ALIKE = "until", "out", "resume", "force", "allow_unstable", "keep_checkpoint", "no_report"
 _DRAWN = 64  # bytes per node that drawing may take, for results of several processes
 
 
@@ -30,12 +32,12 @@ def run_command(options: argparse.Namespace) -> int:
 
     from farhorizon.errors import InputError
     from farhorizon.simulation.checkpoint_files import remove_checkpoint
-    from farhorizon.simulation.team import Team
 
-    options.team = team = Team(communicator())
+    options.team = team = all_processes()
     with team.agreed():
         case = case_of(options, together=True)
-        _check_alike(case, team)
+        given = {f"--{name.replace('_', '-')}": getattr(options, name) for name in _ALIKE}
+        team.alike({"case": tomllib.loads(case.text), **given})
         until = case.end if options.until is None else options.until  # for a run to its static state, the latest end
         if not (np.isfinite(until) and until > 0):
             raise InputError("the end of the run must be positive", value=until, limit="> 0", key="--until")
@@ -66,21 +68,6 @@ def run_command(options: argparse.Namespace) -> int:
             if not kept:
                 team.by_first(lambda: remove_checkpoint(files.checkpoint))
     return code
-
-
-def _check_alike(case: Any, team: Team) -> None:
-    """Refuse case files that differ between processes."""
-    from farhorizon.errors import InputError
-
-    texts = team.gather(case.text)
-    other = next((number for number, text in enumerate(texts) if text != texts[0]), 0)
-    if other:
-        raise InputError(
-            "the processes have read different case files",
-            value=f"process {other} another one than process 0",
-            key="case",
-            remedy="a file on a file system that all machines share",
-        )
 
 
 def _look(options: argparse.Namespace, files: RunFiles) -> None:

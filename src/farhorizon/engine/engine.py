@@ -18,13 +18,14 @@ from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.dragged_layers import DraggedLayers
 from farhorizon.engine.ends import Ends
-from farhorizon.engine.exchange import Exchange
+from farhorizon.engine.exchange import LEVEL, Exchange
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import SLACK, Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.media import media_of
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
+    SEND,
     Operation,
     Tables,
     beginning_operations,
@@ -543,6 +544,8 @@ class Engine:
             times = np.ascontiguousarray(dependent_times)
             inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)
         check_room(self.tables, inputs, steps)
+        if self.exchange is not None:
+            self.exchange.agree((steps,))
         tables = self._repeats.planned(self.tables, inputs)
         if self.loop is None:
             self._own_loop(steps, self.phase, self.levels, tables, inputs, self.threads)
@@ -610,10 +613,14 @@ class _Prepared:
         self.tables = self._with_own_memory(tables) if apart else tables
         self.levels = np.zeros((3, engine.levels.shape[1]), engine.dtype)
         self.loop = CompiledLoop(engine._own_loop)
+        # all processes have messages of levels; those of layers only where there are some
+        self.together = any(one == SEND and number // 3 == LEVEL for one, number, _ in operations)
 
     def __call__(self, level: np.ndarray) -> np.ndarray:
         """Apply the operations to a level, whose halo is filled, and return the result as a level."""
         engine, levels = self.engine, self.levels
+        if self.together and engine.exchange is not None:
+            engine.exchange.agree((1,))
         if self.apart:
             self.memory[:] = engine.memory
         levels[0], levels[1:] = level, 0

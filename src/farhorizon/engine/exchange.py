@@ -9,7 +9,7 @@ under way, rows that need none of them are swept (`free_of_halos`).
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,9 @@ class Link:
         Whether handles are pointers instead of integers of four bytes.
     own : int
         Rank of this process.
+    agree : callable
+        Called with what this process is about to compute together with the others, in numbers; raises an error, on all
+        of them, unless all are. Compiled code waits for messages of the others without an end.
     """
 
     functions: tuple[int, int, int, int]
@@ -47,6 +50,7 @@ class Link:
     kind: int
     wide: bool
     own: int
+    agree: Callable[[tuple[int, ...]], object] = lambda numbers: None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,10 +170,12 @@ class Exchange:
     numbers : ndarray of int, shape (kinds, 3, 5)
         For each kind and axis the addresses of the functions that start messages, complete them and let them make
         progress, the address of their table, and whether it has any messages.
+    agree : callable
+        As in `Link`.
     """
 
     def __init__(self, kinds: Sequence[Messages], components: int, dtype: np.dtype) -> None:
-        self.messages, self._size = list(kinds), dtype.itemsize
+        self.messages, self._size, self.agree = list(kinds), dtype.itemsize, kinds[0].link.agree
         along = [[one.along(axis) for axis in range(3)] for one in kinds]
         self._tables = [
             [Table(one, dtype.itemsize, components if kind == LEVEL else 1, kind) for one in axes]
@@ -188,6 +194,7 @@ class Exchange:
         """Fill the halo of a level, or another kind of array, from other processes as the compiled loop does; all of
         them call this together.
         """
+        self.agree((kind, times))
         compiled = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
         calls = [
             (compiled(function), numbers[TABLE])

@@ -317,7 +317,7 @@ def assembled(
     check_conditions(near, sides, margins, beyond.notes)
     link, neighbours = (None, None) if share is None else (team.link, share.neighbours)
     grid = make_grid(setup, near, around, margins, states, link, neighbours, bool(warm))
-    phases = _phases(setup, near, start, grid, driving, team)
+    phases = _phases(setup, near, start, grid, driving)
     closure = close(near, sides, grid, start.solid)
     free_rim = setup.lattice.body is not None and setup.rim == "free"
     cuts = CutBonds(near, around, grid, closure, free_rim, beyond.notes)
@@ -391,14 +391,11 @@ def _margins(
     return margins | warm_margins(setup, warm, around)
 
 
-def _phases(
-    setup: Setup, near: NearField, start: Start, grid: Grid, driving: Sequence[Drive], team: Team
-) -> SolidAndLiquid | None:
+def _phases(setup: Setup, near: NearField, start: Start, grid: Grid, driving: Sequence[Drive]) -> SolidAndLiquid | None:
     """Return the phases of a corrosion, placed on the grid; None for other models."""
     if setup.model.dissolution is None:
         return None
     phases = SolidAndLiquid(grid, setup.model.dissolution, setup.background, start.solid)
-    team.gather(None)  # raises if another process has failed, whose messages would never arrive below
     phases.start()
     if start.solid.any():
         phases.refuse_wet(_acted_on(near, driving))

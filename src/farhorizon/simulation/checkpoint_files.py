@@ -40,6 +40,7 @@ def write_state(
         Arguments of the run; on several processes, the sides as chosen.
     """
     team, folder = march.team, folder_of(path)
+    team.alike({"path": path})
     mine, meta = march.state(step)
     meta |= {"fingerprint": facts_of(march), **kept}
     if team:
@@ -71,6 +72,7 @@ def read_state(path: Path, march: March) -> tuple[int, Arrays, dict[str, Any]]:
     """
     with march.team.agreed():
         arrays, meta = read_checkpoint(path)
+        march.team.alike({"path": [meta, arrays]})
         check_alike(path, meta, facts_of(march), OF_A_BOX if march.team or len(meta["boxes"]) > 1 else ())
         if not march.take(_states_in(path, arrays, meta, march.box), meta):
             raise FileFormatError(

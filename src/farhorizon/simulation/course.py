@@ -110,13 +110,19 @@ def go(
                 run.step(min(run.guard_steps, stop - run.step_count))
                 bar.update(run.step_count - before)
                 if run.step_count < stop and run.team.any(run.stop_requested):
-                    raise agreed(KeyboardInterrupt())
+                    raise _interrupt(run.team)
             over = ended is not None and pace is not None and not run.step_count % pace and ended()
             if over or run.step_count == last or (count is not None and not run.step_count % count):
-                for observer in run.observers:
-                    observer(run)
+                with run.team.agreed():
+                    for observer in run.observers:
+                        observer(run)
             if over:
                 return True
             if run.step_count < last and run.team.any(run.stop_requested):
-                raise agreed(KeyboardInterrupt())
+                raise _interrupt(run.team)
     return False
+
+
+def _interrupt(team: Team) -> KeyboardInterrupt:
+    """Return the error by which all processes end a run, and of which the first one tells."""
+    return agreed(KeyboardInterrupt(), told=team.number > 0)

@@ -21,6 +21,16 @@ def _types() -> dict[str, type]:
     return LatticeModel.known | Side.known | Storable.stored_as | {"Setup": Setup}
 
 
+def arguments_of(value: Any) -> dict[str, Any] | None:
+    """Return the arguments from which an object can be made again; None for one of a class that is not known."""
+    if _types().get(type(value).__name__) is not type(value):
+        return None
+    names = list(inspect.signature(type(value)).parameters)
+    if isinstance(value, Lattice) and value.window is not None:
+        names = ["spacing", "window"]
+    return {name: getattr(value, name) for name in names}
+
+
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
     """Return a value as JSON; arrays are added to `arrays` under new names.
 
@@ -36,11 +46,8 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
     for name, integrator in INTEGRATORS.items():
         if value is integrator:
             return name
-    if _types().get(type(value).__name__) is type(value):
-        names = list(inspect.signature(type(value)).parameters)
-        if isinstance(value, Lattice) and value.window is not None:
-            names = ["spacing", "window"]
-        return {"type": type(value).__name__, "arguments": {n: describe(getattr(value, n), arrays) for n in names}}
+    if (given := arguments_of(value)) is not None:
+        return {"type": type(value).__name__, "arguments": {n: describe(one, arrays) for n, one in given.items()}}
     if isinstance(value, dict):
         return {"dict": {k: describe(v, arrays) for k, v in value.items()}}
     if isinstance(value, list | tuple):

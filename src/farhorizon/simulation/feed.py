@@ -14,7 +14,6 @@ from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
-from farhorizon.simulation.team import ALONE, Team
 
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
@@ -51,8 +50,6 @@ class Feed:
         Phases of a corrosion: no source may act on metal.
     scale : float
         Largest value that the initial data explain.
-    team : Team
-        The processes that compute the run.
 
     Attributes
     ----------
@@ -61,16 +58,9 @@ class Feed:
     """
 
     def __init__(
-        self,
-        near: NearField,
-        grid: Grid,
-        drives: Sequence[Drive],
-        phases: SolidAndLiquid | None,
-        scale: float,
-        team: Team = ALONE,
+        self, near: NearField, grid: Grid, drives: Sequence[Drive], phases: SolidAndLiquid | None, scale: float
     ) -> None:
         self.near, self.grid, self.drives, self.phases, self.scale = near, grid, list(drives), phases, scale
-        self._team = team
         self._nodes = grid.indices if self.drives else np.zeros(0, np.int64)
         self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
 
@@ -120,8 +110,7 @@ class Feed:
             if general and self.phases is not None:
                 busy = np.zeros(near.lattice.shape, bool)
                 busy.ravel()[places] = True
-                with self._team.agreed():
-                    self.phases.refuse_wet(busy)
+                self.phases.refuse_wet(busy)
             values = _rows(self._fields(held.drives, held.nodes.shape, step, prescribed_samples), every)
             times = self._amplitudes(held.drives, step, prescribed_samples, held_weights, n)
             engine.advance(

@@ -73,7 +73,7 @@ class March:
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
         self._begun = begun(start, parts.incident)
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]), team)
+        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0

@@ -92,6 +92,7 @@ class RunResults:
             There is no such field or folder, or another file is in the way.
         """
         team, lattice, path = run.team, run.lattice, kinds.path(path, "path")
+        team.alike({"path": path, "fields": fields})
         if fields is None:
             held = {name: values for name, values in run.fields.items() if name not in _FOLLOWS}
         else:

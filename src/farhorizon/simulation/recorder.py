@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -241,6 +242,15 @@ def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> 
 
 Observer = Callable[[Any], None] | Recorder
 """What may be passed to a run in ``observe=[...]``."""
+
+
+def recorders_given(observe: Any) -> tuple[Any, ...]:
+    """Return the class of each recorder among some observers, with the arguments that it was given."""
+    found = [one for one in observe if isinstance(one, Recorder)] if isinstance(observe, Iterable) else []
+    names = [inspect.signature(type(one)).parameters for one in found]
+    return tuple(
+        (type(one), {name: getattr(one, name, None) for name in its}) for one, its in zip(found, names, strict=True)
+    )
 
 
 def check_from_start(step: int, what: str, key: str) -> None:

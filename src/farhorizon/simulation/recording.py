@@ -104,7 +104,7 @@ class Recording:
                 raise
             table, dot, rest = error.key.partition(".")
             named = error.at(f"{table}[{alike.index(one)}]{dot}{rest}")
-            named.agreed = error.agreed
+            named.agreed, named.told = error.agreed, error.told
             raise named from None
 
     def _lay(self) -> None:

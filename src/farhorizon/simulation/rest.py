@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -157,6 +157,17 @@ class Rest:
         if change is None:
             return False
         return change / run.dt * (run.time - self.settled) <= self.tolerance * run.peak
+
+
+def progress_of(run: Running) -> dict[str, Any]:
+    """Return what a checkpoint keeps of a run on its way to its static state."""
+    return {"peak": run.peak} | ({} if run.rest is None else {"rest": asdict(run.rest)})
+
+
+def take_progress(run: Running, kept: Mapping[str, Any]) -> None:
+    """Restore what `progress_of` returned."""
+    run.peak = float(kept.get("peak", 0.0))
+    run.rest = Rest(**kept["rest"]) if "rest" in kept else None
 
 
 def _size(field: np.ndarray) -> float:

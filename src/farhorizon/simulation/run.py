@@ -93,6 +93,7 @@ class Run(ABC):
     background: float
     probes: Probes | None = None
     output: RunResults | None = None
+    rest: Rest | None
     resting: Resting
     team: Team = ALONE
 
@@ -103,10 +104,7 @@ class Run(ABC):
         self.observers = [kinds.function(one, "observe", "run") for one in given if not isinstance(one, Recorder)]
         self.stop_requested = False
         self.cautions: list[Caution] = []
-        self.time, self.step_count = 0.0, 0
-        self.next_look = 0
-        self.peak = 0.0
-        self.rest: Rest | None = None
+        self.time, self.step_count, self.next_look, self.peak, self.rest = 0.0, 0, 0, 0.0, None
         self._examination = Examination()
         self._remarks: list[str] = []
         self.guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
@@ -175,6 +173,8 @@ class Run(ABC):
             run that is not stable, a run to the static state whose loads still change at its latest end, or a file that
             farhorizon did not write.
         """
+        ends = {"until": until, "every": every, "tolerance": tolerance, "limit": limit, "output": output}
+        self.team.alike({"run": ends})
         rest = coming_to_rest(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
         check_ahead(self, end, "run.until")
@@ -235,14 +235,14 @@ class Run(ABC):
         InputError
             A point outside the near field, a time that is not a whole number of steps.
         """
+        self.team.alike({"points": points, "every": every})
         probes = Probes(
             self.lattice.whole, points, 1 if every is None else steps_between(every, self.dt, "probes.every")
         )
         self._watch(probes.nodes)
         field, (inside, own) = self.fields["u"], self.lattice.own(probes.nodes)
         now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own].T
-        now = self.team.completed(now, np.flatnonzero(inside), len(probes.nodes), 0)
-        probes.add(self.step_count, self.dt, now[None])
+        probes.add(self.step_count, self.dt, self.team.completed(now, np.flatnonzero(inside), len(inside), 0)[None])
         self.probes = probes
         return probes
 

@@ -24,7 +24,7 @@ from farhorizon.models import LatticeModel
 from farhorizon.simulation.host import Host
 from farhorizon.simulation.layers import with_one_filter
 from farhorizon.simulation.near_field import Extremes, NearField
-from farhorizon.simulation.recorder import Observer, Recorder
+from farhorizon.simulation.recorder import Observer, Recorder, recorders_given
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part, wrapping
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
@@ -310,6 +310,19 @@ def _varies(setup: Setup) -> bool:
 def chooses(sides: Sides) -> list[Key]:
     """Return the sides whose layers are chosen for the data and the length of the run."""
     return [key for key, side in sides.items() if side.stretched and side.profile is None and side.open_ended]
+
+
+def check_given(setup: Setup, observe: Any, topology: Any, team: Team) -> list[int] | None:
+    """Return the checked topology of a run, and refuse arguments that differ between processes. Each may have the
+    threads of its machine, and observers of its own, except for recorders.
+
+    Raises
+    ------
+    InputError
+    """
+    given = {name: value for name, value in setup.arguments.items() if name != "threads"}
+    team.alike({**given, "topology": topology, "observe": recorders_given(observe)})
+    return checked_topology(topology)
 
 
 def checked_topology(topology: Any) -> list[int] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -38,12 +38,14 @@ from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup, shortened_setup
 from farhorizon.simulation.rest import Rest
+from farhorizon.simulation.remaking import remade_setup
+from farhorizon.simulation.rest import progress_of, take_progress
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
 from farhorizon.simulation.settling import Settling, many_steps, outlasted, settled_sides, warn_outlasted
 from farhorizon.simulation.setup import Key, Setup, side_name
-from farhorizon.simulation.share import Share, checked_topology
+from farhorizon.simulation.share import Share, check_given
 from farhorizon.simulation.steps import last_step, seconds_of
 from farhorizon.simulation.team import Team
 
@@ -164,8 +166,9 @@ class Simulation(Run):
         topology: Sequence[int] | None = None,
     ) -> None:
         what = (lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads)
-        setup = Setup(*what, rule, rim, constraints, balance, specimens, loads)
-        self._begin(setup, observe, Team.of(communicator), checked_topology(topology))
+        team = Team.of(communicator)
+        with team.agreed():
+            self._begin(Setup(*what, rule, rim, constraints, balance, specimens, loads), observe, team, topology)
 
     @classmethod
     def of(cls, setup: Setup, observe: Sequence[Observer] = (), communicator: Any = None, topology: Any = None) -> Self:
@@ -178,17 +181,17 @@ class Simulation(Run):
             As in the constructor.
         """
         run = cls.__new__(cls)
-        run._begin(setup, observe, Team.of(communicator), checked_topology(topology))
+        run._begin(setup, observe, Team.of(communicator), topology)
         return run
 
     def _begin(self, setup: Setup, observe: Sequence[Observer], team: Team, topology: Sequence[int] | None) -> None:
         """Assemble a set-up, go to its start, and set the attributes that other modules read."""
-        self.setup, self.team, self.topology = setup, team, topology
+        self.setup, self.team, self.topology = setup, team, check_given(setup, observe, topology, team)
         self.share: Share | None = None
         with team.agreed():
             setup = with_energy_factor(setup, self.of, team)
             if team:
-                self.share, whole, parts = assemble_shared(setup, team, topology, observe)
+                self.share, whole, parts = assemble_shared(setup, team, self.topology, observe)
             else:
                 parts = assemble(setup)
         setup, self.parts = setup if self.share is None else self.share.setup, parts
@@ -244,6 +247,7 @@ class Simulation(Run):
         InputError
             As in `check_sources`; a kernel or a domain that does not fit into memory.
         """
+        self.team.alike({"run.until": until})
         if self.share is not None:
             self.share.check_length(until - self.dt)  # the last step may end that much later
         self._settling.settle(self, until)
@@ -281,19 +285,18 @@ class Simulation(Run):
         """
         march, last = self._march, self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
         while self.step_count < last:
-            with uninterrupted():  # engine, records and clock change together
-                march.open_cracks(self.step_count)
-                wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
-                steps = march.allow(self.step_count, wanted)
-                for made in march.advance(self.step_count, steps):
-                    self._recording.add(self.step_count + 1)
-                    if self.probes is not None:
-                        self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
-                    tick(self, made)
-            origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
             with self.team.agreed():
-                scale = self.team.largest(march.feed.scale)
-                place = origin, self.lattice.spacing, scale, self.step_count, self.time
+                with uninterrupted():  # engine, records and clock change together
+                    march.open_cracks(self.step_count)
+                    wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
+                    steps = march.allow(self.step_count, wanted)
+                    for made in march.advance(self.step_count, steps):
+                        self._recording.add(self.step_count + 1)
+                        if self.probes is not None:
+                            self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
+                        tick(self, made)
+                values, scale = self.engine.core.view(self.engine.current), self.team.largest(march.feed.scale)
+                place = self.parts.grid.origin, self.lattice.spacing, scale, self.step_count, self.time
                 refuse_explosion(values, *place, lambda: likely_cause(self))
             if self.parts.phases is not None and self.setup.specimens and not self.cautions:
                 if (warning := self.parts.phases.warning(self.team.largest(self.parts.phases.most))) is not None:
@@ -495,20 +498,16 @@ class Simulation(Run):
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, with the memory of the boundaries, to a temporary file, which is then renamed."""
-        kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
-        kept |= {} if self.rest is None else {"rest": asdict(self.rest)}
-        path = kinds.path(path, "path")
-        given = self.given if self.share is None else self.share.given
+        kept = {"cautions": self.cautions, "extra": extra, **progress_of(self)}
+        path, given = kinds.path(path, "path"), self.given if self.share is None else self.share.given
         write_state(path, self._march, self.step_count, self._recording.state(), kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
         with self.team.agreed():
             self._settling.adopt(self, path)
         step, arrays, meta = read_state(kinds.path(path, "path"), self._march)
-        self.step_count = 0
-        tick(self, step)
+        self.step_count, self.time = step, step * self.dt
         self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
-        self.peak = float(meta.get("peak", 0.0))
-        self.rest = Rest(**meta["rest"]) if "rest" in meta else None
+        take_progress(self, meta)
         return dict(meta["extra"])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import ctypes
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,13 +16,15 @@ import numpy as np
 
 from farhorizon import errors
 from farhorizon.engine.exchange import Link
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.simulation.digests import digest_of
 
 T = TypeVar("T")
 E = TypeVar("E", bound=BaseException)
 _LOOKS = 2000  # polls for the others before a waiting process sleeps between polls
 _NAP = 5e-4  # seconds
+_WORDS = 60  # characters of a value in a message that shows two of them
 
 
 class _Failure:
@@ -30,16 +35,16 @@ class _Failure:
         self.system = (error.errno, error.strerror, error.filename) if isinstance(error, OSError) else None
 
     def error(self) -> BaseException:
-        """Return the same error for another process."""
+        """Return the same error for another process, which need not report it."""
         if self.system is not None:
-            return agreed(OSError(*self.system))
+            return agreed(OSError(*self.system), told=True)
         kind = getattr(errors, self.kind, None)
-        return agreed(RuntimeError(f"{self.kind}: {self.text}") if kind is None else kind(self.text))
+        return agreed(RuntimeError(f"{self.kind}: {self.text}") if kind is None else kind(self.text), told=True)
 
 
-def agreed(error: E) -> E:
-    """Mark an error as one that all processes of a run raise."""
-    error.agreed = True  # type: ignore[attr-defined]
+def agreed(error: E, told: bool = False) -> E:
+    """Mark an error as one that all processes of a run raise, and of which another one tells if `told`."""
+    error.agreed, error.told = True, told  # type: ignore[attr-defined]
     return error
 
 
@@ -47,12 +52,14 @@ class Team:
     """The processes of an MPI communicator.
 
     All of them make the same calls in the same order. A process that fails reports this in the next call, which then
-    fails on all of them with the same error, so that none waits for ever.
+    fails on all of them with the same error, so that none waits for ever; so does a call in which they do not all take
+    part. An error that leaves the program of one process, outside these calls, ends all of them.
 
     Parameters
     ----------
     communicator : mpi4py.MPI.Intracomm or None
-        Duplicated, so that no other messages mix with those of the run; None for a single process.
+        Duplicated, once for the same processes, so that no other messages mix with those of runs; None for a single
+        process.
 
     Attributes
     ----------
@@ -67,6 +74,7 @@ class Team:
 
     def __init__(self, communicator: Any = None) -> None:
         self._all = None
+        self._ended: list[int] = []  # processes that take no part any more
         self.number, self.size = 0, 1
         if communicator is None:
             return
@@ -80,7 +88,12 @@ class Team:
                 )
         self.number, self.size = int(communicator.Get_rank()), int(communicator.Get_size())
         if self.size > 1:
-            self._all = communicator.Dup()
+            known = next((one for one in _TEAMS if _of_the_same(communicator, one._all)), None)
+            self._all = communicator.Dup() if known is None else known._all
+            if known is None:
+                _end_together(self)
+            else:
+                self._ended = known._ended
             self._check_versions()
 
     @classmethod
@@ -101,15 +114,17 @@ class Team:
         every = self.gather(mine)
         for number, theirs in enumerate(every):
             if theirs != every[0]:
-                raise agreed(
-                    InputError(
-                        "the processes run different versions",
-                        value=f"process {number}: {theirs}",
-                        limit=f"process 0: {every[0]}",
-                        key="communicator",
-                        remedy="one environment on all machines",
-                    )
+                raise self._refusal(
+                    "the processes run different versions",
+                    value=f"process {number}: {theirs}",
+                    limit=f"process 0: {every[0]}",
+                    key="communicator",
+                    remedy="one environment on all machines",
                 )
+
+    def _refusal(self, message: str, **words: str) -> InputError:
+        """Return an error that all processes raise at once, and of which the first one tells."""
+        return agreed(InputError(message, **words), told=self.number > 0)
 
     def alone(self, what: str, key: str = "communicator") -> None:
         """Refuse something that several processes cannot do together yet.
@@ -121,34 +136,104 @@ class Team:
         if self:
             raise InputError(f"{what} are not for several processes yet", key=key, remedy="one process")
 
+    def alike(self, given: Mapping[str, Any]) -> None:
+        """Refuse values that are not the same on all processes.
+
+        Parameters
+        ----------
+        given : mapping of str to object
+            Values by their keys in messages; the entries of mappings and tuples are compared one by one.
+
+        Raises
+        ------
+        InputError
+        """
+        if self._all is None:
+            return
+        mine = dict(_entries(given))
+        every = self.gather({key: digest_of(value) for key, value in mine.items()})
+        for number, theirs in enumerate(every):
+            key = next((key for key in {**every[0], **theirs} if theirs.get(key) != every[0].get(key)), None)
+            if key is not None:
+                words = self.gather(" ".join(shown(mine[key]).split())[:_WORDS] if key in mine else "nothing")
+                same = words[number] == words[0]
+                raise self._refusal(
+                    "the processes were given different values",
+                    value=f"process {number}: {'another one' if same else words[number]}",
+                    limit=f"process 0: {words[0]}",
+                    key=key,
+                    remedy="the same on all processes; files on a file system that all machines share",
+                )
+
     # --- communication ------------------------------------------------------------------------------------------
 
-    def gather(self, value: Any) -> list[Any]:
-        """Return the values of all processes, in order; raises the error with which one of them has failed."""
+    def gather(self, value: Any, numbers: tuple[int, ...] = ()) -> list[Any]:
+        """Return the values of all processes, in order.
+
+        Raises
+        ------
+        BaseException
+            The error with which one of them has failed.
+        InputError
+            They call it from different places, or with different `numbers`, which describe what they do next.
+        """
         if self._all is None:
             return [value]
-        found = self._exchanged(value)
-        failed = next((one for one in found if isinstance(one, _Failure)), None)
+        every = self._exchanged((_place(), numbers, value))
+        failed = next((one for one in every if isinstance(one, _Failure)), None)
         if failed is not None:
             raise failed.error()
-        return found
+        for number, (*calls, _) in enumerate(every):
+            if calls != [*every[0][:2]]:
+                words = [f"{place} {list(said) if said else ''}".rstrip() for place, said, _ in every]
+                raise self._refusal(
+                    "the processes no longer do the same",
+                    value=f"process {number}: {words[number]}",
+                    limit=f"process 0: {words[0]}",
+                    key="communicator",
+                    remedy="call the methods of a run on all processes, with the same arguments, also in observers",
+                )
+        return [one for _, _, one in every]
 
     def _exchanged(self, value: Any) -> list[Any]:
         """Return the values of all processes; while one of them works for long, the others leave it the processor."""
         assert self._all is not None
-        waiting, looks = self._all.Ibarrier(), 0
+        self._check_present()
+        ended, looks = np.zeros(self.size, np.uint8), 0
+        waiting = self._all.Iallgather(np.zeros(1, np.uint8), ended)
         while not waiting.Test():
             looks += 1
             if looks > _LOOKS:
                 time.sleep(_NAP)
+        self._ended += np.flatnonzero(ended).tolist()
+        self._check_present()
         return list(self._all.allgather(value))
+
+    def _check_present(self) -> None:
+        if self._ended:
+            told = self.number != next(number for number in range(self.size) if number not in self._ended)
+            raise agreed(
+                InputError(
+                    "a process has ended before the others",
+                    value=f"process {self._ended[0]}",
+                    key="communicator",
+                    remedy="the same calls on all processes, until all end",
+                ),
+                told,
+            )
+
+    def leave(self) -> Any:
+        """Let the others know, once they wait for it, that this process has ended; return the request, if any."""
+        if self._all is None or self._ended:
+            return None
+        return self._all.Iallgather(np.ones(1, np.uint8), np.zeros(self.size, np.uint8))
 
     @contextmanager
     def agreed(self) -> Iterator[None]:
         """Context in which an error on one process is raised on all."""
         try:
             yield
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if self.knows(error):
                 raise
             every = self._exchanged(_Failure(error))
@@ -193,7 +278,7 @@ class Team:
         """Return, on all processes, the sum of arrays of equal shape."""
         if self._all is None:
             return values
-        self.gather(None)  # a process that has failed makes no further calls
+        self.gather(None, values.shape)  # a process that has failed makes no further calls
         found = np.empty_like(values)
         self._all.Allreduce(np.ascontiguousarray(values), found)
         return found
@@ -210,7 +295,10 @@ class Team:
 
     def collected(self, value: Any) -> list[Any] | None:
         """Return the values of all processes on the first one, and None on the others."""
-        return [value] if self._all is None else self._all.gather(value)
+        if self._all is None:
+            return [value]
+        self.gather(None)  # a process that has failed makes no further calls
+        return self._all.gather(value)
 
     def joined(self, lattice: Lattice, field: np.ndarray) -> np.ndarray | None:
         """Return a field on the whole lattice, joined from its parts, on the first process, and None on the others.
@@ -252,9 +340,20 @@ class Team:
         dest, source = (MPI.PROC_NULL if number < 0 else number for number in (to, of))
         return self._all.sendrecv(value, dest=dest, source=source)
 
-    def abort(self, code: int) -> None:
-        """Terminate all processes at once."""
-        if self._all is not None:
+    def end_all(self, error: BaseException, tell: Callable[[], int]) -> None:
+        """If this process has failed alone, end all, which would wait for it for ever, with the exit code that `tell`
+        returns after it has reported the error.
+        """
+        if self.knows(error):
+            return
+        if self.number:
+            time.sleep(1.0)  # an error that all met at once is reported by the first
+        code = 1
+        try:
+            code = tell()
+        finally:
+            sys.stderr.flush()
+            assert self._all is not None
             self._all.Abort(code)
 
     # --- for compiled code ----------------------------------------------------------------------------------------
@@ -274,7 +373,10 @@ class Team:
             for name in ("MPI_Isend", "MPI_Irecv", "MPI_Waitall", "MPI_Testall")
         )
         functions = sends, receives, waits, tests
-        return Link(functions, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number)
+        return Link(functions, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number, self._agree)
+
+    def _agree(self, numbers: tuple[int, ...]) -> None:
+        self.gather(None, numbers)
 
     def threads(self) -> int:
         """Return the number of threads for each process unless one is given: those of its machine, divided among the
@@ -293,6 +395,72 @@ class Team:
 
 #: The team of a single process.
 ALONE = Team()
+
+
+def _entries(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield values by their keys, those in mappings and tuples one by one."""
+    for key, value in given.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{name}", one) for name, one in value.items())
+        elif isinstance(value, tuple):
+            yield from ((f"{key}[{i}]", one) for i, one in enumerate(value))
+        else:
+            yield key, value
+
+
+def _place() -> str:
+    """Return what the program has called in the package, and from which line of this a team was called."""
+    frame, outer, inner = sys._getframe(1), "", ""
+    while frame is not None:
+        code, module = frame.f_code, str(frame.f_globals.get("__name__", ""))
+        if module.partition(".")[0] == "farhorizon":
+            outer = code.co_qualname
+            if not inner and module != __name__:
+                inner = f" ({code.co_name}, line {frame.f_lineno})"
+        elif code.co_filename != contextlib.__file__:
+            break
+        frame = frame.f_back  # type: ignore[assignment]
+    return outer + inner
+
+
+def _of_the_same(communicator: Any, other: Any) -> bool:
+    """Whether two communicators are those of the same processes in the same order."""
+    from mpi4py import MPI
+
+    return bool(MPI.Comm.Compare(communicator, other) in (MPI.IDENT, MPI.CONGRUENT))
+
+
+_TEAMS: list[Team] = []  # of several processes, in the order in which all of them were made
+_PARTING = 2.0  # seconds for which a process that ends waits for the others; then MPI does, as at any end
+
+
+def _end_together(team: Team) -> None:
+    """From now on, let an error that no part of a program has handled end all processes of the latest team, reported
+    once, by the process that has met it; and let a process that has ended be missed by those that wait for it.
+    """
+    _TEAMS.append(team)
+    if len(_TEAMS) > 1:
+        return
+    before = sys.excepthook
+
+    def hook(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+        def tell() -> int:
+            before(kind, error, trace)
+            return 130 if kind is KeyboardInterrupt else 1 + isinstance(error, InputError)
+
+        if not getattr(error, "told", False):
+            _TEAMS[-1].end_all(error, tell)
+            tell()
+
+    sys.excepthook = hook
+    atexit.register(_part)
+
+
+def _part() -> None:
+    waiting = [request for team in _TEAMS if (request := team.leave()) is not None]
+    began = time.monotonic()
+    while not all([request.Test() for request in waiting]) and time.monotonic() - began < _PARTING:
+        time.sleep(_NAP)
 
 
 def _wide() -> bool:
