@@ -37,8 +37,6 @@ from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup, shortened_setup
-from farhorizon.simulation.rest import Rest
-from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.rest import progress_of, take_progress
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
