@@ -9,6 +9,7 @@ import sys
 import arguments
 import damage
 import fences
+import foreign
 import fuzz
 import kill
 import machinery
@@ -48,6 +49,13 @@ def test_killed_runs_go_on_or_begin_anew(count, tmp_path):
 def test_damaged_files_are_told_or_harmless(count, tmp_path):
     counts = damage.campaign(count, machinery.seed_of(), 1 if count == 6 else PROCESSES, tmp_path)
     assert counts["told"] + counts["harmless"] == count
+
+
+@pytest.mark.parametrize("count", [60, pytest.param(20_000, marks=pytest.mark.slow)])
+def test_damaged_inputs_are_refused_with_their_names(count, tmp_path):
+    counts = foreign.campaign(count, machinery.seed_of(), 1 if count == 60 else PROCESSES, tmp_path)
+    assert not {name: counts[name] for name in foreign.BAD if counts[name]}
+    assert counts["refused"] > 0.4 * count
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from farhorizon.errors import FileFormatError, InputError
+from farhorizon.files.foreign import reading
 
 _STL_HEAD = 84  # bytes: a comment, and the number of triangles
 _PLY_TYPES = {
@@ -48,15 +49,8 @@ def read_triangles(path: Path) -> np.ndarray:
     readers = {".stl": _stl, ".obj": _obj, ".ply": _ply}
     if path.suffix.lower() not in readers:
         raise InputError("unknown kind of surface file", value=path.name, limit=", ".join(readers), key="mesh")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read the surface {path}: {error.strerror}", key="mesh") from None
-    try:
-        found = readers[path.suffix.lower()](content)
-    except (ValueError, IndexError, KeyError, struct.error, OverflowError):
-        remedy = "export it anew, as binary STL"
-        raise FileFormatError(f"{path} is damaged, or of a kind that is not understood", remedy=remedy) from None
+    with reading(path, "the surface", "mesh", "export it anew, as binary STL"):
+        found = readers[path.suffix.lower()](path.read_bytes())
     if not len(found):
         raise FileFormatError(f"{path} has no triangles")
     return found

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.foreign import naming, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
 _CORNERS = {"triangle": 3, "triangle6": 3, "tetra": 4, "tetra10": 4}  # the nodes in the middle of edges follow them
@@ -56,15 +57,14 @@ class Elements(Shape):
     def __init__(self, elements: Any, group: str | None = None, scale: float = 1.0) -> None:
         factor = kinds.number(scale, "scale", above=0)
         wanted = None if group is None else kinds.text(group, "group")
-        if isinstance(elements, str | Path):
-            corners = _read(Path(elements), wanted)
-        elif wanted is not None:
+        if wanted is not None and not isinstance(elements, str | Path):
             raise InputError("only files have groups", value=wanted, key="group", remedy="the elements of the group")
-        else:
-            corners = _corners(elements)
+        given = _read(Path(elements), wanted) if isinstance(elements, str | Path) else elements
+        with naming(elements):
+            corners = _corners(given)
+            # scaled already, so that the same arguments give the same shape again
+            self.elements, self.group, self.scale = constant("elements", factor * corners), None, 1.0
         self.dim = corners.shape[-1]
-        # scaled already, so that the same arguments give the same shape again
-        self.elements, self.group, self.scale = constant("elements", factor * corners), None, 1.0
 
     def __repr__(self) -> str:
         lower, upper = self.bounds()
@@ -130,21 +130,16 @@ def _corners(given: Any) -> Array:
     return corners
 
 
-def _read(path: Path, group: str | None) -> Array:
-    """Corners of the elements of a file, or of one of its physical groups if it is named."""
+def _read(path: Path, group: str | None) -> tuple[Array, Array]:
+    """Points of a file, and the corners of its elements, or of those of one of its physical groups if it is named."""
     try:
         import meshio
     except ImportError as error:
         raise InputError(
             "meshio is not installed", value=path.name, key="elements", remedy="pip install 'farhorizon[gmsh]'"
         ) from error
-    if not path.is_file():
-        raise InputError("there is no such file", value=path, key="elements", remedy="check the path")
-    try:
+    with reading(path, "the mesh", "elements", "a mesh that Gmsh has saved in its format MSH 4.1"):
         mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio's readers raise all kinds of errors, or exit
-        remedy = "a mesh that Gmsh has saved in its format MSH 4.1"
-        raise InputError(f"cannot read the mesh {path}: {error}", key="elements", remedy=remedy) from None
     groups = {name: int(entry[0]) for name, entry in mesh.field_data.items()}
     spans = {name: int(entry[1]) for name, entry in mesh.field_data.items()}
     volumes = [name for name in groups if spans[name] > 1]
@@ -172,15 +167,17 @@ def _read(path: Path, group: str | None) -> Array:
             key="elements" if group is None else "group",
             remedy="mesh the surface or the volume, and save all elements",
         )
-    points = np.asarray(mesh.points, float)
-    corners = points[np.concatenate(found[dim])]
-    if dim == 3:
-        return corners
-    if points.shape[1] > 2 and np.ptp(corners[..., 2]) > _FLAT * max(float(np.ptp(corners)), 1e-300):
+    points, numbers = np.asarray(mesh.points, float), np.concatenate(found[dim])
+    if dim == 3 or points.shape[1] == 2:
+        return points, numbers
+    with naming(path):
+        corners = _corners((points[:, :2], numbers))
+        heights = kinds.array(points[numbers, 2], "elements")
+    if np.ptp(heights) > _FLAT * max(float(np.ptp(corners)), float(np.ptp(heights)), 1e-300):
         raise InputError(
             "triangles in 3D are a surface, and cover no volume",
             value=path.name,
             key="elements",
             remedy="mesh = {...} takes a closed surface; tetrahedra cover a volume",
         )
-    return corners[..., :2]
+    return points[:, :2], numbers

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.foreign import naming, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant, polygon_side
 
 _FONT_SIZE = 1000.0  # at which curves become polygons, accurate to one part in some thousands
@@ -143,6 +144,10 @@ class ImageMask(Shape):
         if not isinstance(image, str | Path | np.ndarray):
             raise InputError("an image is a file or a table of bool", value=kinds.said(image), key="image")
         self.image = image if isinstance(image, np.ndarray) else _brightness(Path(image)) < threshold
+        with naming(image):
+            self._check()
+
+    def _check(self) -> None:
         if self.image.ndim != 2 or self.image.dtype != bool:
             raise InputError(
                 "an image is a file or a table of bool",
@@ -150,9 +155,8 @@ class ImageMask(Shape):
                 key="image",
             )
         if not self.image.any():
-            raise InputError(
-                "the image has no dark pixel", limit=f"below {threshold:g}", key="image", remedy="a higher threshold"
-            )
+            limit = f"below {self.threshold:g}"
+            raise InputError("the image has no dark pixel", limit=limit, key="image", remedy="a higher threshold")
 
     @property
     def _pixel(self) -> float:
@@ -182,10 +186,8 @@ def _brightness(path: Path) -> Array:
     """Brightness of the pixels of an image on white, 0 to 1; raises InputError if the file cannot be read."""
     from matplotlib.image import imread
 
-    try:
+    with reading(path, "the image", "image", "a PNG or JPEG file"):
         values = np.asarray(imread(path))
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"cannot read the image {path}: {error}", key="image", remedy="a PNG or JPEG file") from None
     values = values / 255.0 if values.dtype.kind == "u" else values.astype(float)
     if values.ndim == 2:
         return values

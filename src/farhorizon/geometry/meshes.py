@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.foreign import naming
 from farhorizon.files.triangles import read_triangles
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
@@ -56,12 +57,13 @@ class Mesh(Shape):
 
     def __init__(self, triangles: Any, scale: float = 1.0, centre: ArrayLike | None = None) -> None:
         factor = kinds.number(scale, "scale", above=0)
-        corners = factor * _corners(triangles)
-        constant("triangles", corners)
-        lower, upper = corners.min((0, 1)), corners.max((0, 1))
-        if not (upper > lower).all():
-            raise InputError("the surface is flat", value=(upper - lower).tolist(), key="mesh")
-        _check_closed(corners, float((upper - lower).max()))
+        with naming(triangles):
+            corners = factor * _corners(triangles)
+            constant("triangles", corners)
+            lower, upper = corners.min((0, 1)), corners.max((0, 1))
+            if not (upper > lower).all():
+                raise InputError("the surface is flat", value=(upper - lower).tolist(), key="mesh")
+            _check_closed(corners, float((upper - lower).max()))
         if centre is not None:
             corners = corners + (constant("centre", centre, (3,)) - (lower + upper) / 2)
         # scaled and moved already, so that the same arguments give the same shape again

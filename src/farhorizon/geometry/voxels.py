@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.foreign import naming, npy, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
 _LISTED = 12  # labels in a message
@@ -60,23 +61,24 @@ class Voxels(Shape):
         lower: ArrayLike | None = None,
         labels: int | Sequence[int] | None = None,
     ) -> None:
-        given = _read(Path(voxels)) if isinstance(voxels, str | Path) else voxels
-        if not isinstance(given, np.ndarray) or given.dtype.kind not in "biu" or given.ndim not in (1, 2, 3):
-            raise InputError(
-                "voxels are a file, or an array of bool or whole numbers",
-                value=kinds.said(given),
-                limit="one to three axes",
-                key="voxels",
-            )
+        with naming(voxels):
+            given = _read(Path(voxels)) if isinstance(voxels, str | Path) else voxels
+            if not isinstance(given, np.ndarray) or given.dtype.kind not in "biu" or given.ndim not in (1, 2, 3):
+                raise InputError(
+                    "voxels are a file, or an array of bool or whole numbers",
+                    value=kinds.said(given),
+                    limit="one to three axes",
+                    key="voxels",
+                )
+            self.voxels, self.labels = _taken(given, labels), None
+            if not self.voxels.any():
+                raise InputError("no voxel is taken", value="all are 0", key="voxels", remedy="other labels")
         self.size = kinds.number(size, "size", above=0)
         self.dim = given.ndim
         extent = self.size * np.array(given.shape)
         self.lower = constant(
             "lower", -extent / 2 if lower is None else np.atleast_1d(kinds.array(lower, "lower")), (self.dim,)
         )
-        self.voxels, self.labels = _taken(given, labels), None
-        if not self.voxels.any():
-            raise InputError("no voxel is taken", value="all are 0", key="voxels", remedy="other labels")
 
     def bounds(self) -> tuple[Array, Array]:
         along = [np.flatnonzero(self.voxels.any(tuple(set(range(self.dim)) - {axis}))) for axis in range(self.dim)]
@@ -110,14 +112,11 @@ def _taken(cells: np.ndarray, labels: Any) -> Mask:
 def _read(path: Path) -> np.ndarray:
     """The array in a file, with its axes in the order of space."""
     remedy = "an NPY file of bool or whole numbers, or a TIFF file of grey values or labels"
-    try:
-        if path.suffix.lower() == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False))
-        if path.suffix.lower() in (".tif", ".tiff"):
-            return _pages(path)
-    except (OSError, ValueError, EOFError, SyntaxError) as error:
-        raise InputError(f"cannot read the voxels {path}: {error}", key="voxels", remedy=remedy) from None
-    raise InputError("unknown kind of voxel file", value=path.name, limit=".npy, .tif", key="voxels", remedy=remedy)
+    readers = {".npy": npy, ".tif": _pages, ".tiff": _pages}
+    if path.suffix.lower() not in readers:
+        raise InputError("unknown kind of voxel file", value=path.name, limit=".npy, .tif", key="voxels", remedy=remedy)
+    with reading(path, "the voxels", "voxels", remedy):
+        return readers[path.suffix.lower()](path)
 
 
 def _pages(path: Path) -> np.ndarray:

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from farhorizon import kinds
-from farhorizon.errors import FileFormatError, InputError
+from farhorizon.errors import InputError
+from farhorizon.files.foreign import naming, npy, reading
 from farhorizon.files.storable import Storable
 
 SMALL = 1e-3  # part of a signal that may lie above its highest frequency, and with which it may begin
@@ -479,29 +480,9 @@ class Samples(Signal):
     def __post_init__(self) -> None:
         dt = _number(self.dt, self, "dt", above=0)
         given = self.values
-        values = kinds.array(_read(Path(given), dt) if isinstance(given, str | Path) else given, "samples.values")
-        if values.ndim != 1 or len(values) < _FEWEST:
-            raise InputError(
-                "a signal is one list of samples",
-                value=f"shape {values.shape}",
-                limit=f"at least {_FEWEST}",
-                key="samples.values",
-                remedy="one column, of more samples",
-            )
-        largest = float(np.abs(values).max())
-        if not largest > 0:
-            raise InputError(
-                "all samples are zero", value=0, limit="one that is not", key="samples.values", remedy="leave it out"
-            )
-        kinds.check_magnitude(largest, "samples.values")
-        if abs(values[0]) > SMALL * largest:
-            raise InputError(
-                "the signal does not begin at rest: the run would start with a jump",
-                value=f"{abs(values[0]) / largest:.3g} of the largest sample at t = 0",
-                limit=f"{SMALL:g}",
-                key="samples.values",
-                remedy="subtract what it begins with, or let it rise over some samples",
-            )
+        with naming(given):
+            found = _read(Path(given), dt) if isinstance(given, str | Path) else given
+            values = _checked(kinds.array(found, "samples.values"))
         kinds.settle(self, values=values, dt=dt)
 
     @property
@@ -585,29 +566,40 @@ class Delayed(Signal):
         return np.asarray(self.signal.spectrum(frequency) * np.exp(-2j * np.pi * np.asarray(frequency) * self.delay))
 
 
+def _checked(values: np.ndarray) -> np.ndarray:
+    """Samples of a signal that begins at rest."""
+    if values.ndim != 1 or len(values) < _FEWEST:
+        raise InputError(
+            "a signal is one list of samples",
+            value=f"shape {values.shape}",
+            limit=f"at least {_FEWEST}",
+            key="samples.values",
+            remedy="one column, of more samples",
+        )
+    largest = float(np.abs(values).max())
+    if not largest > 0:
+        raise InputError(
+            "all samples are zero", value=0, limit="one that is not", key="samples.values", remedy="leave it out"
+        )
+    kinds.check_magnitude(largest, "samples.values")
+    if abs(values[0]) > SMALL * largest:
+        raise InputError(
+            "the signal does not begin at rest: the run would start with a jump",
+            value=f"{abs(values[0]) / largest:.3g} of the largest sample at t = 0",
+            limit=f"{SMALL:g}",
+            key="samples.values",
+            remedy="subtract what it begins with, or let it rise over some samples",
+        )
+    return values
+
+
 def _read(path: Path, dt: float) -> np.ndarray:
     """The samples in a file, which contains no times or those of samples `dt` apart."""
-    try:
-        if path.suffix == ".npy":
-            found = np.load(path, allow_pickle=False)
+    with reading(path, "the samples", "samples.values", "one number a line, or a .npy file"):
+        if path.suffix.lower() == ".npy":
+            found = npy(path)
         else:
             found = np.loadtxt(path.read_text(encoding="utf-8").replace(",", " ").splitlines(), ndmin=1)
-    except OSError as error:
-        raise InputError(
-            f"cannot read the samples: {error.strerror}",
-            value=str(path),
-            limit="a .npy file or a text",
-            key="samples.values",
-            remedy="check the path",
-        ) from None
-    except ValueError as error:
-        raise FileFormatError(
-            f"the file holds no samples: {error}",
-            value=str(path),
-            limit="numbers alone",
-            key="samples.values",
-            remedy="one number a line, or a .npy file",
-        ) from None
     if found.ndim != 2 or found.shape[1] != 2:
         return np.asarray(found)
     times, values = kinds.array(found, "samples.values").T

@@ -1,0 +1,79 @@
+"""Files of other programs: whatever their readers raise becomes one InputError that names the file."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import FileFormatError, InputError
+
+
+@contextmanager
+def reading(path: Path, what: str, key: str, remedy: str) -> Iterator[None]:
+    """Guard the reading of a file, and nothing else: readers meet damaged data with errors of every kind, or exit, and
+    print and warn in several lines.
+
+    Parameters
+    ----------
+    path : Path
+    what : str
+        What the file contains, for messages: "the samples".
+    key, remedy : str
+        As of InputError.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it may not be read.
+    FileFormatError
+        The reader has raised anything else.
+    """
+    cannot = f"cannot read {what} {path}"
+    if not path.is_file():
+        raise InputError(f"{cannot}: no such file", key=key, remedy="check the path")
+    silent = io.StringIO()
+    try:
+        with warnings.catch_warnings(), redirect_stdout(silent), redirect_stderr(silent):
+            warnings.simplefilter("ignore")
+            yield
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        if isinstance(error, OSError) and error.strerror:
+            raise InputError(f"{cannot}: {error.strerror}", key=key, remedy="check the path") from None
+        said = str(error) if not isinstance(error, SystemExit) else silent.getvalue() or "it gave up"
+        reason = " ".join(said.split())[:_LONGEST]
+        if not isinstance(error, ValueError | OSError | SyntaxError | SystemExit):  # whose texts are sentences
+            reason = f"{type(error).__name__} {reason}".strip()
+        raise FileFormatError(
+            f"{cannot}: it is damaged, or of a kind that is not understood ({reason})", key=key, remedy=remedy
+        ) from None
+
+
+@contextmanager
+def naming(given: Any) -> Iterator[None]:
+    """Name the file in every InputError about what is in it; nothing is changed where no file is given."""
+    try:
+        yield
+    except InputError as error:
+        if not isinstance(given, str | Path) or Path(given).name in str(error):
+            raise
+        message = f"{error.message} (in the file {given})"
+        raise type(error)(message, value=error.value, limit=error.limit, remedy=error.remedy, key=error.key) from None
+
+
+_LONGEST = 200  # characters of a reader's own words in a message
+
+
+def npy(path: Path) -> np.ndarray:
+    """Array of an NPY file; ValueError if it holds Python objects, or less data than its header says.
+
+    It is mapped before it is copied: a mapping is compared with the size of the file before memory is asked for.
+    """
+    return np.array(np.load(path, mmap_mode="r", allow_pickle=False))
