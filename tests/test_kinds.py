@@ -266,7 +266,7 @@ RIGHT = {
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0},
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
-    "open_results": {"path": "no such file"},
+    "open_results": {"path": "no such file", "verify": True},
     "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "calibrated_stretch": {"model": fh.Elastic(KERNEL, 1.0), "spacing": 1.0, "fracture_energy": 1.0, "dim": 2},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from farhorizon.cli import main
-from farhorizon.errors import FileFormatError, InputError
+from farhorizon.errors import FileFormatError, InputError, ValidityWarning
 from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
@@ -147,6 +147,23 @@ def test_parts_belong_to_their_file(tmp_path):
         open_results(path).field("u")
     written(path, 1, parts=False)
     assert not folder_of(path).exists()
+
+
+def test_damage_in_a_part_is_told_when_the_whole_is_opened(tmp_path):
+    path = tmp_path / "a.h5"
+    written(path, 2)
+    assert open_results(path).damaged() == []
+    part = part_path(path, 2)
+    data = bytearray(part.read_bytes())
+    [first, last], [low, high] = boxes_of(2)[2]
+    place = data.index(field(2, 1, False)[first:last, low:high].T.tobytes())
+    data[place] ^= 4
+    part.write_bytes(data)
+    with pytest.warns(ValidityWarning, match=r"cannot be read: 0002\.h5: VTKHDF/PointData/u\[1\]"):
+        results = open_results(path)
+    assert np.isfinite(results.field("u", 0)).all()
+    with pytest.raises(FileFormatError, match=r"0002\.h5 is damaged"):
+        results.field("u", 1)
 
 
 def test_what_is_no_part_is_not_read(tmp_path):

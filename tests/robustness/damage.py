@@ -12,6 +12,7 @@ import os
 import shutil
 import sys
 import tempfile
+import warnings
 from pathlib import Path
 
 import machinery
@@ -24,6 +25,8 @@ initial = { u = "max(0, 1-4*x**2)**2" }
 boundary = { all = { type = "exact" } }
 run = { until = 3.0 }
 output = { every = 0.5, probes = [[1.0]] }
+receivers = [{ points = [[0.5]] }]
+spectra = [{ points = [[0.5]], frequencies = [0.1] }]
 """
 
 
@@ -31,7 +34,7 @@ def told(path):
     """Return everything that a results file contains."""
     from farhorizon.files.results import open_results
 
-    found = open_results(path)
+    found = open_results(path, verify=False)
     columns = [
         found.times,
         found.steps,
@@ -43,8 +46,13 @@ def told(path):
         *found.balance.values(),
     ]
     columns += [found.field(name, k) for name in found.field_names for k in range(len(found.times))]
+    for one in found.recorded.values():
+        columns += [one.points, one.times, *one.data.values(), one.frequencies, *one.spectra.values()]
     return (
         [a.tobytes() for a in columns],
+        found.cautions,
+        found.units,
+        list(found.recorded),
         found.case,
         found.program,
         found.shape,
@@ -52,6 +60,20 @@ def told(path):
         found.lower,
         found.finished,
     )
+
+
+def opened_silently(path):
+    """Return whether a results file is opened without a word."""
+    from farhorizon.errors import InputError, ValidityWarning
+    from farhorizon.files.results import open_results
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ValidityWarning)
+        try:
+            open_results(path)
+        except (InputError, ValidityWarning):
+            return False
+    return True
 
 
 class Damager:
@@ -109,7 +131,8 @@ class Damager:
         except Exception as error:
             from farhorizon.errors import InputError
 
-            bad = not isinstance(error, InputError)
+            # what reading refuses was told when the file was opened
+            bad = not isinstance(error, InputError) or (kind == "results" and opened_silently(file))
             return found | {
                 "class": "traceback" if bad else "told",
                 "where": f"{kind}, {what} at {place}: {type(error).__name__}: {str(error)[:150]}",

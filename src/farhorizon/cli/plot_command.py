@@ -20,7 +20,7 @@ def plot_command(options: argparse.Namespace) -> int:
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")
-    results = open_results(path)
+    results = open_results(path, verify=False)
     try:
         case: Case | None = Case(results.case, path)
     except InputError:  # written from Python, or by a version with other keys

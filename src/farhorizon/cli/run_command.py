@@ -105,7 +105,7 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
     if options.force or options.resume or not result.is_file():
         return
     try:
-        finished = open_results(result).finished
+        finished = open_results(result, verify=False).finished
     except FileFormatError:
         return  # not a results file of ours: `ResultsWriter.create` refuses it
     if finished:
@@ -141,7 +141,7 @@ def _tell(
     from farhorizon.pictures.views import View
     from farhorizon.simulation.setup import wanted_threads
 
-    results = open_results(files.result)
+    results = open_results(files.result, verify=False)
     for caution in results.cautions:
         print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
     moments = [time for time in case.parts.output.pictures or () if time <= until]

@@ -86,6 +86,21 @@ def read_indices(group: Any) -> None:
             item.id.get_num_chunks()
 
 
+def failing(group: Any) -> Iterator[str]:
+    """Yield datasets with the rows that fail their check sum; OSError if an index or an attribute fails its own."""
+    for item in group.values():
+        list(item.attrs.values())
+        if isinstance(item, h5py.Group):
+            yield from failing(item)
+            continue
+        for place in item.iter_chunks() if item.chunks is not None and item.size else ():
+            try:
+                item[place]
+            except OSError:
+                first, last = place[0].start, place[0].stop
+                yield f"{item.name.lstrip('/')}[{first if last - first == 1 else f'{first}:{last}'}]"
+
+
 def read_rows(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
     """Rows of a dataset; FileFormatError names the one whose checksum is wrong."""
     try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import FileFormatError, InputError
+from farhorizon.errors import FileFormatError, InputError, ValidityWarning
 from farhorizon.files.datasets import put_units, xarray_module
-from farhorizon.files.hdf5 import copy_all_but, directory_of, hdf5_file, opened, read_rows, word_in, words_in
+from farhorizon.files.hdf5 import copy_all_but, directory_of, failing, hdf5_file, opened, read_rows, word_in, words_in
 from farhorizon.files.parts import Box, folder_of, part_path
 from farhorizon.files.polylines import gathered, write_vtp
 from farhorizon.files.records import Recorded, dataset_parts, measured_in, spectra_of
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     import xarray
 
 _AXES = ("x", "y", "z")
+_LISTED = 6  # damaged places in a warning
 
 
 class Results:
@@ -318,6 +320,23 @@ class Results:
         found = values.transpose(0, *range(values.ndim - 1, 0, -1))
         return np.ascontiguousarray(found if components == 1 else found[:, :components])
 
+    def damaged(self) -> list[str]:
+        """Verify all check sums, which reads the whole file, chunk by chunk, and its parts.
+
+        Returns
+        -------
+        list of str
+            Datasets with the rows that fail; for fields these are the outputs ("VTKHDF/PointData/u[3]"). Reading them
+            raises FileFormatError; everything else can be read. Empty if nothing is damaged.
+
+        Raises
+        ------
+        FileFormatError
+            What says where the data are is damaged, or a part is missing.
+        """
+        parts = [self._part(number, box).path for number, box in enumerate(self._boxes)]
+        return _failing(self.path) + [f"{path.name}: {name}" for path in parts for name in _failing(path)]
+
     def merge(self, path: str | Path) -> Path:
         """Write the results of several processes as one file, as one process would have written it; a copy if the
         results are already one file.
@@ -525,12 +544,15 @@ class Results:
         return measured | {name: "stress" for name in self.field_names if name.startswith("stress_")}
 
 
-def open_results(path: str | Path) -> Results:
+def open_results(path: str | Path, verify: bool = True) -> Results:
     """Open a results file.
 
     Parameters
     ----------
     path : str or Path
+    verify : bool
+        Verify all check sums at once, which reads the whole file, and warn about what is damaged (`Results.damaged`).
+        Whatever is read later is verified in any case, so that large files may be opened without.
 
     Returns
     -------
@@ -543,16 +565,37 @@ def open_results(path: str | Path) -> Results:
     FileFormatError
         The file is truncated, damaged or not a farhorizon results file.
 
+    Warns
+    -----
+    ValidityWarning
+        Some of the data are damaged; the others can be read.
+
     Examples
     --------
     >>> import farhorizon as fh
     >>> results = fh.open_results("results/case.h5")  # doctest: +SKIP
     >>> results.times, results.field("u", -1)  # doctest: +SKIP
     """
-    return Results(kinds.path(path, "path"))
+    found = Results(kinds.path(path, "path"))
+    if kinds.flag(verify, "verify") and (failed := found.damaged()):
+        shown = ", ".join(failed[:_LISTED]) + (f" and {len(failed) - _LISTED} more" if len(failed) > _LISTED else "")
+        text = f"{path} is damaged, and what fails its check sum cannot be read: {shown}; remedy: compute it again"
+        warnings.warn(text, ValidityWarning, stacklevel=2)
+    return found
 
 
 def _read_spectrum(file: Any, path: Path, name: str) -> np.ndarray:
     """A spectrum, real if the file says so, otherwise complex."""
     values = read_rows(file, path, name)
     return values if file[name].attrs.get("real", False) else np.asarray(values[0] + 1j * values[1])
+
+
+def _failing(path: Path) -> list[str]:
+    """What fails its check sum twice: what a running simulation was just writing is whole the next time."""
+    with opened(path, "r", "results file") as file:
+        found = list(failing(file))
+    if not found:
+        return found
+    with opened(path, "r", "results file") as file:
+        again = set(failing(file))
+    return [name for name in found if name in again]

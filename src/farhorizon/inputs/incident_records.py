@@ -106,7 +106,7 @@ class IncidentRecord(Incident):
 def _settled(record: Any, name: str) -> dict[str, Any]:
     """Return the checked record of a file, a recorder or a mapping."""
     if isinstance(record, str | Path):
-        known = open_results(record).recorded
+        known = open_results(record, verify=False).recorded
         record = known[kinds.one_of(name, "incident.name", known, f"{record} has no such record")]
     record = getattr(record, "recorded", record)
     if isinstance(record, Recorded):
