@@ -75,6 +75,19 @@ def test_the_largest_rate_is_that_of_the_matrix(name):
     assert largest_rate(parts.grid, Team()) == pytest.approx(dense_rate(setup), rel=1e-7)
 
 
+@pytest.mark.parametrize(("dtype", "power"), [("float64", 190), ("float64", -190), ("float32", 28), ("float32", -28)])
+def test_rates_whose_squares_overflow_or_underflow(dtype, power):
+    """In other units the step is the same, bit for bit: these change the spacing and the stiffness by powers of two."""
+    found = []
+    for unit in (1.0, 2.0**power):
+        lattice = fh.Lattice(1 / unit, (-8 / unit, -8 / unit), (8 / unit, 8 / unit))
+        solid = fh.Elastic(fh.Kernel(2 / unit), unit, 0.3, material="state-based")
+        crack = [(x / unit, y / unit) for x, y in CRACK]
+        with np.errstate(over="raise", invalid="raise"):
+            found.append(fh.Simulation(lattice, solid, fh.Free(), dtype=dtype, cracks=[crack], threads=1).dt)
+    assert found[0] == found[1] * 2.0 ** (3 * power // 2)
+
+
 def test_what_is_below_a_known_rate_is_not_looked_for_any_longer():
     parts, teams = assembled(setup_of("state-based", fh.LatticePML(nodes=12))), (Counting(), Counting())
     found = [

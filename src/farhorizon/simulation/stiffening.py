@@ -122,16 +122,20 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
     values, enough = _noise(grid, team, places[there])
     values /= np.sqrt(product(values, values))
     before, diagonal, beside = np.zeros_like(values), [], [0.0]
+    unit = 1.0
     for count in range(_ITERATIONS):
         found = applied(values)
+        if count == 0:  # a power of two, as a unit of rates whose squares neither overflow nor underflow
+            unit = float(np.ldexp(1.0, int(np.frexp(team.largest(float(np.abs(found).max(initial=0.0))))[1])))
+        found /= unit
         diagonal.append(product(values, found))
         found -= diagonal[-1] * values + beside[-1] * before
         (rate,), vector = eigh_tridiagonal(diagonal, beside[1:], select="i", select_range=(count, count))
         beside.append(np.sqrt(product(found, found)))
-        if beside[-1] * abs(vector[-1, 0]) <= _RESIDUAL * rate or (count >= enough and rate <= known):
+        if beside[-1] * abs(vector[-1, 0]) <= _RESIDUAL * rate or (count >= enough and unit * rate <= known):
             break
         before, values = values, found / beside[-1]
-    return float(rate)
+    return float(unit * rate)
 
 
 def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]:
