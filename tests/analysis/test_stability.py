@@ -122,3 +122,12 @@ def test_the_fastest_decides():
     assert fastest([decays, unclear, grows]) is grows
     assert fastest([decays, unclear]) is unclear
     assert Growth(TOLERANCE, 0.0, 1.0, np.zeros(0)).stable is True
+
+
+def test_a_body_without_bonds_drifts():
+    """Its free particles have the factor 1 exactly: a pivot of the inverse iteration is 0."""
+    particles = np.kron([[2.0, -1.0], [1.0, 0.0]], np.eye(2))
+    with np.errstate(all="raise"):
+        found = dense_growth(particles, 1.0)
+    assert found.factor == pytest.approx(1.0, abs=1e-7) and np.isfinite(found.error)
+    np.testing.assert_allclose(particles @ found.mode, found.mode, atol=1e-7)
