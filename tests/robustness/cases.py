@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import tomllib
 
+ODD_SHARE = 0.35  # part of the cases that are spoilt
+RICH_SHARE = 0.3  # part of the cases with features that fit few others, so that many are refused
 ODD = [
     "0",
     "-1",
@@ -482,7 +484,159 @@ class Draw:
             output["balance"] = True
         if output:
             case["output"] = output
+        [self.rng] = self.rng.spawn(1)
+        more = (self.more_recorders, self.more_output, self.more_loads, self.more_of_the_model, self.from_files)
+        for add in self.rng.permutation(len(more))[: self.one(1, 1, 2)] if self.chance(RICH_SHARE) else ():
+            more[add](case, kind)
         return case
+
+    # --- what fewer cases have ----------------------------------------------------------------------------------
+
+    def point(self, reach: float = 0.4) -> list[float]:
+        return [self.number(-reach, reach) * self.span for _ in range(self.dim)]
+
+    def places(self) -> dict:
+        """Return where receivers or spectra are."""
+        ends = sorted(self.point()), sorted(self.point())
+        grid = {"lower": ends[0], "upper": [low + self.spacing for low in ends[0]], "counts": [2] * self.dim}
+        return self.one(
+            {"points": [self.point(), self.point()]},
+            {"line": {"start": ends[0], "end": ends[1], "count": int(self.rng.integers(1, 6))}},
+            {"grid": grid},
+        )
+
+    def region(self) -> dict:
+        """Return a region of any kind inside the near field."""
+        at, size = self.point(0.2), self.number(0.2, 0.5) * self.span
+        box = {"box": {"lower": [x - size for x in at], "upper": [x + size for x in at]}}
+        if self.dim == 1:
+            return box
+        ball = {"ball" if self.dim == 3 else "disc": {"radius": size, "centre": at}}
+        corners = [[at[0] - size, at[1]], [at[0], at[1] - size], [at[0] + size, at[1] + size]]
+        flat = [{"polygon": {"points": corners}}, {"text": {"text": self.one("A", "xy"), "height": size}}]
+        return self.one(box, ball, {**box, "without": [ball]}, *(flat if self.dim == 2 else []))
+
+    def more_recorders(self, case: dict, kind: str) -> None:
+        """Add receivers, spectra, powers, the far field or a shell, of every form."""
+        waves, low = kind in ("wave", "elastic"), self.number(0.02, 0.2) / self.time
+        known = ["u", "gradient", *["v"] * waves, *["strain", "stress", "curl"] * (kind == "elastic")]
+        record = [str(one) for one in self.rng.choice(known, 2, replace=False)]
+        rest = {"interpolation": self.one("linear", "sinc"), "every": self.one(1, 2, 7)}
+        surface = self.one({"region": self.region()}, {"axis": self.names[-1], "position": self.point()[0]})
+        what = self.one("receivers", "spectra", "spectra", "power", "far_field", "shell", "two")
+        if what in ("receivers", "two"):
+            case.setdefault("receivers", []).append(
+                {**self.places(), "record": record if self.chance(0.5) else ["u"], **rest, "name": "line"}
+            )
+        if what in ("spectra", "two"):
+            where = self.one(self.places(), surface)
+            frequencies = [low * k for k in range(1, int(self.rng.integers(2, 5)))]
+            case.setdefault("spectra", []).append({**where, "frequencies": frequencies, **rest})
+        if what == "power" and waves:
+            case.setdefault("power", []).append({**surface, "frequencies": [low] if self.chance(0.6) else []})
+        if what == "far_field":
+            reach = 0.7 * self.span
+            case["far_field"] = {"directions": self.one(1, 8, 36)}
+            case["far_field"] |= {"frequencies": [low]} if waves else {"points": [[2.0 * self.span] * self.dim]}
+            if self.chance(0.5):
+                case["far_field"]["box"] = {"lower": [-reach] * self.dim, "upper": [reach] * self.dim}
+        if what == "shell" and "shell" not in case and kind == "wave":
+            reach = 0.3 * self.span
+            case["shell"] = [{"box": {"lower": [-reach] * self.dim, "upper": [reach] * self.dim}}]
+
+    def more_output(self, case: dict, kind: str) -> None:
+        """Ask for other output, a run to its static state, or units."""
+        output = case.setdefault("output", {})
+        output |= self.one(
+            {"fields": ["u", "stress"] if kind == "elastic" else ["u"]},
+            {"fields": ["v"] if kind in ("wave", "elastic") else ["u"]},
+            {"dtype": "float32", "compress": True},
+            {"probes": [self.point()], "probe_every": case["run"]["until"] / 3},
+            {"pictures": [0.0, case["run"]["until"]]},
+        )
+        if self.chance(0.2):
+            limit = case["run"]["until"]
+            case["run"] |= {"until": "static", "tolerance": self.one(1e-3, 0.5), "limit": limit}
+        if self.chance(0.3):
+            case["units"] = {"length": self.one("m", "mm"), "time": self.one("s", "us"), "mass": "kg"}
+
+    def more_loads(self, case: dict, kind: str) -> None:
+        """Add loads, prescribed regions, sides of the temperature, materials of regions or a background."""
+        amount, still = 0.01 * self.length, [0.0] * (self.dim - 1)
+        side = self.one("x", "y", "z")[: self.dim] + self.one("-", "+")
+        loads = [
+            {"type": "traction", "side": side, "value": [amount, *still], "time": f"sin(t/{self.time!r})"},
+            {"type": "pressure", "points": crack_across(self.dim, 0.31 * self.span, 0.3 * self.span), "value": amount},
+            {"type": "pressure", "region": self.region(), "value": amount},
+            {"type": "body-force", "value": [amount, *still], "time": self.signal()},
+            {"type": "thermal", "temperature": f"20+t/{self.time!r}", "expansion": 1e-3, "reference": 20.0},
+        ]
+        moved = {"type": "prescribed", "region": self.region(), "value": [amount, *still] if self.vector else amount}
+        if self.vector and self.chance(0.7):
+            case.setdefault("load", []).append(self.one(*loads))
+        elif self.chance(0.5):
+            case.setdefault("constraint", []).append(moved | ({"rate": 0.1} if self.chance(0.2) else {}))
+        else:
+            constants = {"speed", "young", "density"} & set(case["model"])
+            given = {key: case["model"][key] for key in sorted(constants)}
+            other = {key: self.one(0.7, 1.4) * value for key, value in given.items() if isinstance(value, float)}
+            if other:
+                case.setdefault("material", []).append({"region": self.region(), **other})
+        if self.chance(0.1):
+            case["background"] = self.one(0.5, f"{self.names[0]}/{self.length!r}")
+
+    def more_of_the_model(self, case: dict, kind: str) -> None:
+        """Add constants that few models have, or the temperature of a solid."""
+        model = case["model"]
+        if kind == "elastic" and self.chance(0.3):
+            kernel = self.kernel()
+            heat = {"density": 1.0, "specific_heat": 1.0, "conductivity": 0.1 * self.length * self.speed}
+            elastic = {key: value for key, value in model.items() if key != "type"}
+            case["model"] = {"type": "thermoelastic", "elastic": elastic, "heat": {**heat, "kernel": kernel}}
+            case["model"] |= {"expansion": 1e-3, "reference": 300.0, "coupled": self.chance(0.5)}
+            case["boundary_T"] = {"all": self.one({"type": "free"}, {"type": "fixed"}, self.pml())}
+            return
+        fitting = {
+            "wave": [{"damping": self.number(0, 0.2) / self.time}, {"density": self.number(0.5, 2.0)}],
+            "diffusion": [{"stages": int(self.rng.integers(1, 20)), "integrator": "rkc"}],
+            "heat": [{"stages": int(self.rng.integers(1, 20)), "integrator": "rkc"}, {"self_term": self.chance(0.5)}],
+            "elastic": [
+                {"density": self.number(0.5, 2.0)},
+                {"plane": self.one("stress", "strain")},
+                {"critical_stretch": 0.1, "softening": self.one("linear", "exponential")},
+                {"fracture_energy": self.number(0.1, 2.0)},
+                {"damping": self.number(0, 0.2) / self.time},
+            ],
+            "correspondence": [{"plane": self.one("stress", "strain")}, {"drag": 0.1 / self.time}],
+        }
+        model |= self.one(*fitting.get(kind, [{}]))
+
+    def from_files(self, case: dict, kind: str) -> None:
+        """Let a region or a signal come from a file, which `foreign.FILES` writes."""
+        names = {1: ["v.npy"], 2: ["v.npy", "v.tif", "i.png", "e.msh"], 3: ["v.tif", "t.stl", "t.ply", "e.vtk"]}
+        name = self.one(*names[self.dim])
+        region = {
+            "v": {"voxels": {"file": name, "size": 0.2 * self.span}},
+            "i": {"image": {"file": name, "width": 1.5 * self.span}},
+            "t": {"mesh": {"file": name, "scale": self.span}},
+            "e": {"elements": {"file": name, "scale": self.span}},
+        }[name[0]]
+        samples = {"type": "samples", "values": self.one("s.npy", "s.txt", "s.csv"), "dt": self.time}
+        if self.chance(0.4):
+            strength = [1.0] * self.dim if self.vector else 1.0
+            line = {"type": "line-source", "points": [self.point(), self.point()], "strength": strength}
+            case.setdefault("source", []).append({**line, "time": samples, "interpolation": "linear"})
+        elif "specimen" in case:
+            case["specimen"] = [{"region": region}]
+        elif "window" in case["lattice"]:
+            case["lattice"]["window"] = region
+        elif self.chance(0.5):
+            case["lattice"]["body"] = region
+            case["boundary"] = {"all": {"type": "free"}}
+        else:
+            if kind in ("wave", "elastic", "correspondence"):
+                case["model"]["density"] = 1.0
+            case.setdefault("material", []).append({"region": region, "density": 2.0})
 
     def acted_on(self, case: dict, kind: str) -> dict:
         """Add sources, a crack, a medium that varies, or nodes that are moved to a case."""
@@ -651,7 +805,7 @@ class Odd:
         return self.text
 
 
-def random_case(rng, odd: float = 0.35) -> tuple[str, bool]:
+def random_case(rng, odd: float = ODD_SHARE) -> tuple[str, bool]:
     """Return the text of a case file, and whether it was spoilt."""
     case = Draw(rng).case()
     if rng.random() < odd:

@@ -178,8 +178,6 @@ def limit_memory() -> None:
 
 def answer(job):
     """Damage a file, and use it in a case."""
-    from fuzz import place
-
     import farhorizon as fh
     from farhorizon.case.case import Case
 
@@ -210,9 +208,9 @@ def answer(job):
             elif name not in words and not any(part in words for part in ABOUT_OTHERS):
                 found |= {"class": "no name", "where": f"{name}: {words[:150]}"}
         except MemoryError as error:
-            found |= {"class": "much memory", "where": f"{name}: {place(error)}"}
+            found |= {"class": "much memory", "where": f"{name}: {machinery.place(error)}"}
         except Exception as error:
-            found |= {"class": "traceback", "where": f"{name}: {place(error)}"}
+            found |= {"class": "traceback", "where": f"{name}: {machinery.place(error)}"}
     return found
 
 

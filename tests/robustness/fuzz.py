@@ -4,6 +4,7 @@ None ends in a traceback, a crash, a hang or values that are not finite.
 
     python tests/robustness/fuzz.py --cases 10000 --seed 7 --processes 16
     python tests/robustness/fuzz.py --show 123 --seed 7
+    python tests/robustness/fuzz.py --cases 100000 --odd 0.95    # most are refused, and take no time
 
 Most cases are run from Python: half of the run, a checkpoint, the rest, and the rest again from the checkpoint,
 which must be bitwise the same. Some go through the command line (run and check). Cases that were spoilt on purpose
@@ -17,24 +18,17 @@ import contextlib
 import io
 import sys
 import tempfile
-import traceback
 import warnings
 from pathlib import Path
 
 import cases
+import foreign
 import machinery
 
 BAD = ("traceback", "crash", "hang", "not finite", "other resume", "wrong exit")
 MOST_STEPS = 60
 LIMIT = 180.0  # seconds of processor time per case
 LARGEST = 2**28  # bytes of the largest set-up that is run: `check` reports the memory of larger ones
-
-
-def place(error):
-    """Return where in the package an error was raised."""
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if "farhorizon" in f.filename]
-    where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
-    return f"{type(error).__name__} at {where}: {str(error)[:150]}"
 
 
 def large(sim):
@@ -52,11 +46,11 @@ def library(text, folder):
     from farhorizon.case.case import Case
 
     try:
-        case = Case(text)
+        case = Case(text, folder / "case.toml")
         sim = case.run()
         if large(sim):
             return {"class": "too large"}
-        until = min(case.parts.run.until, MOST_STEPS * sim.dt)
+        until = min(case.end, MOST_STEPS * sim.dt)
         if not until > 0:
             return {"class": "refused"}
         sim.prepare(until)
@@ -104,9 +98,9 @@ def command(text, folder, arguments):
     from farhorizon.errors import InputError
 
     with contextlib.suppress(InputError):
-        case = Case(text)
+        case = Case(text, folder / "case.toml")
         sim = case.run()
-        if case.parts.run.until > 1e4 * sim.dt:
+        if case.end > 1e4 * sim.dt:
             return {"class": "too long"}
         if large(sim):
             return {"class": "too large"}
@@ -123,11 +117,17 @@ def command(text, folder, arguments):
 def answer(job):
     """Return the class of one case, and where it went wrong."""
     rng = machinery.random_of(job["seed"], job["number"])
-    text, odd = cases.random_case(rng)
+    text, odd = cases.random_case(rng, job.get("share", cases.ODD_SHARE))
     mode = rng.random()
+    [files] = rng.spawn(1)
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         folder = Path(name)
+        for file, (write, _) in foreign.FILES.items():
+            if f'"{file}"' in text:
+                write(folder / file, files)
+                if files.random() < 0.3:
+                    (folder / file).write_bytes(foreign.damaged((folder / file).read_bytes(), files))
         try:
             if mode < 0.9:
                 found = library(text, folder)
@@ -136,11 +136,11 @@ def answer(job):
             else:
                 found = command(text, folder, ["check", "--budget", "0.5"])
         except Exception as error:
-            found = {"class": "traceback", "where": place(error)}
+            found = {"class": "traceback", "where": machinery.place(error)}
     return {"odd": odd, "mode": round(mode, 2), "text": text, **found}
 
 
-def campaign(count, seed, processes, folder, report=print, first=0):
+def campaign(count, seed, processes, folder, report=print, first=0, odd=cases.ODD_SHARE):
     """Return the number of cases by class, without assertions."""
     shares = {"sound": [0, 0]}
 
@@ -153,7 +153,7 @@ def campaign(count, seed, processes, folder, report=print, first=0):
                     (folder / "refused.txt").open("a").write(f"{one['number']}: {one['where']}\n")
             yield one
 
-    jobs = ({"seed": seed, "number": number} for number in range(first, first + count))
+    jobs = ({"seed": seed, "number": number, "share": odd} for number in range(first, first + count))
     counts = machinery.table(
         watched(machinery.answers(Path(__file__), jobs, processes, LIMIT, folder)), BAD, folder, report
     )
@@ -166,6 +166,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--odd", type=float, default=cases.ODD_SHARE, help="part of the cases that are spoilt")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--show", type=int, metavar="NUMBER", help="run this case here and print it")
@@ -174,12 +175,12 @@ if __name__ == "__main__":
     if options.worker:
         machinery.serve(answer)
     elif options.show is not None:
-        found = answer({"seed": machinery.seed_of(options.seed), "number": options.show})
+        job = {"seed": machinery.seed_of(options.seed), "number": options.show, "share": options.odd}
+        found = answer(job)
         print(found.pop("text"), *(f"{name}: {value}" for name, value in found.items()), sep="\n")
     else:
         folder = Path(tempfile.mkdtemp(prefix="farhorizon-fuzz-"))
-        counts = campaign(
-            options.cases, machinery.seed_of(options.seed), options.processes, folder, first=options.first
-        )
+        seed = machinery.seed_of(options.seed)
+        counts = campaign(options.cases, seed, options.processes, folder, first=options.first, odd=options.odd)
         print(f"{folder}: {options.cases} cases")
         sys.exit(1 if set(BAD) & set(counts) else 0)

@@ -10,6 +10,7 @@ import selectors
 import subprocess
 import sys
 import time
+import traceback
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -32,6 +33,13 @@ def seed_of(given=None):
 def random_of(*numbers):
     """Return a generator for each case: case 17 of a seed does not depend on the cases before it."""
     return np.random.default_rng(numbers)
+
+
+def place(error):
+    """Return where in the package an error was raised."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "farhorizon" in f.filename]
+    where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
+    return f"{type(error).__name__} at {where}: {str(error)[:150]}"
 
 
 class Worker:
