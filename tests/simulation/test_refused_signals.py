@@ -454,7 +454,7 @@ def test_what_observes_is_a_list_of_recorders_and_functions(given):
         ("0 0\n1 1\n2 0\n", "one list of samples"),  # fewer than a spline needs
         ("0 0\n1e-6 1\n2e-6 0\n3e-6 -1\n4e-6 0\n", "times in the file"),  # microseconds
         ("5 0\n6 1\n7 0\n8 -1\n9 0\n", "times in the file"),  # begins later
-        ("0\n1\nx\n", "holds no samples"),
+        ("0\n1\nx\n", "cannot read the samples"),
     ],
 )
 def test_a_file_of_samples_of_another_length_or_unit(tmp_path, times, words):

@@ -35,8 +35,9 @@ def reading(path: Path, what: str, key: str, remedy: str) -> Iterator[None]:
         The reader has raised anything else.
     """
     cannot = f"cannot read {what} {path}"
+    there = {"limit": "a file that can be read", "key": key, "remedy": "check the path"}
     if not path.is_file():
-        raise InputError(f"{cannot}: no such file", key=key, remedy="check the path")
+        raise InputError(f"{cannot}: no such file", value=path.name, **there)
     silent = io.StringIO()
     try:
         with warnings.catch_warnings(), redirect_stdout(silent), redirect_stderr(silent):
@@ -46,13 +47,17 @@ def reading(path: Path, what: str, key: str, remedy: str) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:
         if isinstance(error, OSError) and error.strerror:
-            raise InputError(f"{cannot}: {error.strerror}", key=key, remedy="check the path") from None
+            raise InputError(f"{cannot}: {error.strerror}", value=path.name, **there) from None
         said = str(error) if not isinstance(error, SystemExit) else silent.getvalue() or "it gave up"
-        reason = " ".join(said.split())[:_LONGEST]
+        reason = " ".join(said.split())
         if not isinstance(error, ValueError | OSError | SyntaxError | SystemExit):  # whose texts are sentences
             reason = f"{type(error).__name__} {reason}".strip()
         raise FileFormatError(
-            f"{cannot}: it is damaged, or of a kind that is not understood ({reason})", key=key, remedy=remedy
+            f"{cannot}: it is damaged, or of a kind that is not understood",
+            value=reason,
+            limit="a whole file of its kind",
+            key=key,
+            remedy=remedy,
         ) from None
 
 
@@ -66,9 +71,6 @@ def naming(given: Any) -> Iterator[None]:
             raise
         message = f"{error.message} (in the file {given})"
         raise type(error)(message, value=error.value, limit=error.limit, remedy=error.remedy, key=error.key) from None
-
-
-_LONGEST = 200  # characters of a reader's own words in a message
 
 
 def npy(path: Path) -> np.ndarray:
