@@ -27,6 +27,13 @@ _ROUNDING = 1e-9
 _SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
 
 
+#: Note on the energy that a crack at rest takes (`benchmarks/at_rest.py`, and a double cantilever beam).
+AT_REST = (
+    "a crack at rest begins to grow at 1.05 to 1.37 times the fracture energy, depending on material and load, because "
+    "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice"
+)
+
+
 class Breaking:
     """Bonds of a near field on its grid that follow a law; the engine receives them whole and uncut.
 
@@ -72,6 +79,8 @@ class Breaking:
                 f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
                 "fracture energy: found from cracks that ran through this lattice at 0.3 of the speed of Rayleigh waves"
             )
+        if law.fracture_energy is not None:
+            cuts.notes.append(AT_REST)
 
     @cached_property
     def zone(self) -> Zone:

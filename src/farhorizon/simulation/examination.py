@@ -49,7 +49,7 @@ class Examination:
                 "the run is not stable",
                 value=known.reason,
                 limit=f"no tenfold growth until t = {until:.6g}",
-                remedy="see the warnings of check; use Extended instead of absorbing sides, or layers with more nodes; "
+                remedy="see the warnings of check; Extended in place of absorbing sides; "
                 "allow_unstable=True (--allow-unstable) runs it anyway",
             )
         return known

@@ -53,7 +53,8 @@ def shown_fields(run: Any, name: str) -> dict[str, np.ndarray]:
 
 
 def nodal_stress(run: Any) -> dict[str, np.ndarray]:
-    """Return the components of the stress at the nodes, and the von Mises stress, by name; nan where undefined.
+    """Return the components of the stress at the nodes, and the von Mises stress, by name; nan where undefined, as at
+    broken bonds and across a body one node thick.
 
     In two dimensions the components are those in the plane; the von Mises stress includes the normal stress across it.
     All processes must call it.
@@ -70,6 +71,9 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
         *(slice(f - low, f - low + n) for f, low, n in zip(lattice.first, around.first, lattice.shape, strict=True)),
     )
     slopes = [_slope(wide, axis, around, cuts)[own] for axis in range(dim)]
+    alone = np.isnan(slopes).all((0, 1)) & np.isfinite(u).all(0)
+    for slope in slopes:
+        slope[:, alone] = 0.0  # a node without neighbours has no bonds, and so no stress
     warmth = run.fields.get("thermal_strain", np.zeros(lattice.shape))
     for axis, slope in enumerate(slopes):
         slope[axis] -= warmth  # thermal strains cause no stress
