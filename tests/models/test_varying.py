@@ -310,9 +310,26 @@ def test_finite_elements_are_of_one_stiffness():
     assert sim.energy() == pytest.approx(before, rel=1e-12)
 
 
-def test_sides_that_go_on_with_one_density_are_refused():
-    line, plane = fh.Lattice(1.0, -9.0, 9.0), fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
-    model = fh.Wave(fh.Kernel(2.0), density="1 + (x > 0)")
-    for lattice, side in ((line, fh.Exact()), (plane, fh.PlaneWave())):
-        with pytest.raises(fh.InputError, match="one density"):
-            fh.Simulation(lattice, model, side)
+def test_outlines_that_go_on_with_one_density_are_refused():
+    lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    with pytest.raises(fh.InputError, match="one density"):
+        fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0), density="1 + (x > 0)"), fh.PlaneWave())
+
+
+@pytest.mark.parametrize("compress", [1e-12, None])
+@pytest.mark.parametrize("reach", [1, 3])
+def test_exact_ends_continue_the_density_and_the_speed_at_each_end(reach, compress):
+    """A bar of three parts, whose outer parts have no end: as one so long that nothing returns, to rounding and the
+    tolerance of the ends.
+    """
+    lattice = fh.Lattice(0.25, -5.0, 5.0)
+    density, speed = "where(x < -1.5, 3, where(x > 2.2, 0.4, 1))", "where(x < -1.5, 0.5, where(x > 2.2, 1.7, 1))"
+    model = fh.Wave(fh.Kernel(0.25 * reach), speed=speed, density=density, damping=0.02)
+    ends, bar = (
+        fh.Simulation(lattice, model, side, {"u": "exp(-2*x**2)"}, dt=0.05)
+        for side in (fh.Exact(compress=compress), fh.Extended(nodes=600))
+    )
+    for until in (3.0, 8.0, 20.0, 40.0):
+        ends.run(until)
+        bar.run(until)
+        assert np.abs(ends.fields["u"] - bar.fields["u"]).max() < 1e-11

@@ -144,7 +144,10 @@ class ExactEnds:
         "x-" or "x+" for each end.
     boundaries : sequence of Exact
     weights : sequence of ndarray, shape (K,)
-        Bonds beyond each end.
+        Bonds beyond each end, over the mass of its nodes.
+    masses : sequence of float
+        Mass of a node beyond each end over that of a node of the model: the engine divides forces by those of its
+        nodes.
     recursion : Recursion
     nodes : ndarray of int, shape (ends, K)
         Drivers in a level of the engine, from each end inwards.
@@ -156,16 +159,12 @@ class ExactEnds:
         names: Sequence[str],
         boundaries: Sequence[Exact],
         weights: Sequence[np.ndarray],
+        masses: Sequence[float],
         recursion: Recursion,
         nodes: np.ndarray,
     ) -> None:
-        self.engine, self.names, self.boundaries, self.weights, self.nodes = (
-            engine,
-            list(names),
-            list(boundaries),
-            list(weights),
-            nodes,
-        )
+        self.engine, self.names, self.boundaries, self.nodes = engine, list(names), list(boundaries), nodes
+        self.weights, self.masses = list(weights), list(masses)
         self.recursion, self.steps = recursion, 0
         engine.set_ends(ends_table(nodes, recursion.first))
         self.sums: list[ExponentialSum | None] = [None] * len(self.names)
@@ -221,14 +220,18 @@ class ExactEnds:
             for w, s in zip(self.weights, sums, strict=True)
             if s is None
         }
-        poles = [None if s is None else (s.poles, s.inputs, s.outputs) for s in sums]
+        poles = [
+            None if s is None else (s.poles, s.inputs, mass * s.outputs)
+            for s, mass in zip(sums, self.masses, strict=True)
+        ]
         engine.set_ends(ends_table(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0))
         engine.set_history(np.array(history))
         engine.ends.clock[0], engine.ends.forces[...] = count, forces
         self.sums, self.steps = list(sums), steps
         for end, found in enumerate(sums):
             if found is None:
-                self.convolutions[end] = self._convolution(end, kernels[self.weights[end].tobytes()])
+                kernel = self.masses[end] * kernels[self.weights[end].tobytes()]
+                self.convolutions[end] = self._convolution(end, kernel)
             else:
                 self.convolutions[end] = None
                 state, half = found.replay(history[end]), engine.ends.states.shape[1] // 2

@@ -85,7 +85,7 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
     InputError
         There are no bonds at an end.
     """
-    factor = near.factor
+    factor, density = near.factor, near.density
     found = [(side, b) for (_, side), b in sides.items() if isinstance(b, Exact)]
     if not found:
         return None
@@ -100,11 +100,16 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
     recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping, float(grid.engine.reaction))
     bonds = half_weights(near.stencil, near.model.coefficient / near.lattice.spacing**2)
     line = grid.engine.core.node_indices().ravel()
+    stiff, heavy = (
+        [1.0 if values is None else float(values[0 if side < 0 else -1]) for side, _ in found]
+        for values in (factor, density)
+    )
     return ExactEnds(
         grid.engine,
         [side_name(0, side) for side, _ in found],
         [b for _, b in found],
-        [bonds * (1.0 if factor is None else factor[0 if side < 0 else -1]) for side, _ in found],
+        [bonds * (one / mass) for one, mass in zip(stiff, heavy, strict=True)],
+        heavy,
         recursion,
         np.array(
             [line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]

@@ -95,7 +95,7 @@ def check_variation(sides: Sides, variation: Variation) -> None:
     if variation.density is None:
         return
     for key, boundary in sides.items():
-        if boundary.exact or boundary.closing:
+        if boundary.closing:
             raise InputError(
                 "continues the medium with one density",
                 value=type(boundary).__name__,
