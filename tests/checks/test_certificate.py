@@ -1,5 +1,6 @@
 """The stability certificate against known results, and against runs from white noise."""
 
+import itertools
 import os
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.checks import certificate as certificates
 from farhorizon.checks.certificate import _side_part, certify
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.cli import main
@@ -568,6 +570,21 @@ def test_bars_that_noise_makes_drift_are_not_refused(reach, nodes, share):
     assert sim.certificate(8.0).verdict == "certified"
     assert not sim.certificate(8.0, until=2000.0).grows_within(2000.0)
     assert largest_factor(sim) < 1
+
+
+@pytest.mark.parametrize("patience", [0.01, 1.0, 10.0])
+def test_a_verdict_depends_neither_on_the_clock_nor_on_patience(monkeypatch, patience):
+    """A run that is stable was refused on a busy machine, where the noise before it was still rising when its time was
+    up. Here every look at the clock finds that an hour has passed.
+    """
+    now = itertools.count(step=3600.0)
+    monkeypatch.setattr(certificates.time, "monotonic", lambda: next(now))
+    monkeypatch.setattr(certificates, "PATIENCE", patience)
+    lattice = fh.Lattice(0.5, (-10.0, -10.0), (10.0, 10.0))
+    pulse = {"u": "exp(-(x**2+y**2)/2)"}
+    sim = fh.Simulation(lattice, wave(1.5, damping=0.0125), fh.LatticePML(nodes=30), pulse, dt=0.05)
+    found = sim.examine(60.0)
+    assert found.verdict == "undecided" and not found.grows_within(60.0)
 
 
 def test_a_plate_that_guides_backward_waves_into_layers_is_refused():
