@@ -67,3 +67,28 @@ def test_a_side_that_holds_another_value_drives():
         steps.append(fh.Simulation(lattice, model, {"x-": fh.Fixed(value), "x+": fh.Fixed()}, bell).dt)
     assert steps[0] > 2 * steps[1]
     assert steps[1] == pytest.approx(steps[2])
+
+
+@pytest.mark.parametrize(("side", "most"), [(fh.LatticePML(nodes=12), 1e-9), (fh.Higdon(), 0.03)])
+def test_a_body_is_seen_through_a_window(side, most):
+    """A round window on a medium with a hole in it: as in a plane so large that nothing returns; nothing is shown of
+    the hole, nor beyond the window. Conditions along the outline have an error of their own.
+    """
+    body = fh.Box((-1e3, -1e3), (1e3, 1e3)) - fh.Disc(1.2, (1.0, 0.5))
+    pulse, model = {"u": "exp(-((x+2)**2+(y+1)**2)*2.5)"}, fh.Wave(fh.Kernel(0.5), damping=0.02)
+    window = fh.Lattice(0.25, window=fh.Disc(5.0), body=body)
+    plane = fh.Lattice(0.25, (-16.0, -16.0), (16.0, 16.0), body=body)
+    assert window.nodes < np.pi * 20**2 - np.pi * 4.8**2 + 100
+    small, large = (
+        fh.Simulation(lattice, model, sides, pulse, dt=0.05) for lattice, sides in ((window, side), (plane, fh.Fixed()))
+    )
+    at = tuple(
+        slice(round((low + 16) / 0.25), round((high + 16) / 0.25) + 1)
+        for low, high in zip(window.lower, window.upper, strict=True)
+    )
+    for until in (4.0, 9.0):
+        small.run(until)
+        large.run(until)
+        u, exact = small.fields["u"], large.fields["u"][at]
+        np.testing.assert_array_equal(np.isnan(u), ~window.mask)
+        assert np.abs(u - exact)[window.mask].max() < most

@@ -38,8 +38,8 @@ class Lattice(Storable):
         A window on the medium instead of bounds: the lattice (through the origin) covers the bounding box, the medium
         continues beyond the edge of the window, and only nodes inside are shown.
     body : Shape or ndarray of bool, optional
-        A body of finite extent: nodes outside it do not exist. Requires bounds. An array, of the lattice's shape, marks
-        the nodes that exist.
+        A body of finite extent: nodes outside it do not exist. An array, of the lattice's shape, marks the nodes that
+        exist, and requires bounds; a shape may be seen through a window, as a hole in a medium that does not end.
 
     Attributes
     ----------
@@ -78,9 +78,11 @@ class Lattice(Storable):
                 kinds.instance(shape, key, Shape, "a shape", remedy=_SHAPES)
         self.window, self.body = window, region
         if window is not None:
-            if lower is not None or upper is not None or body is not None:
+            if lower is not None or upper is not None or mask is not None:
                 raise InputError(
-                    "a window replaces lower, upper and body", key="lattice.window", remedy="give the window alone"
+                    "a window replaces lower and upper",
+                    key="lattice.window",
+                    remedy="a window, and a shape as its body",
                 )
             low, high = window.bounds()
             first = np.ceil(np.asarray(low) / spacing - 1e-9)
@@ -95,9 +97,9 @@ class Lattice(Storable):
                 for name, bound in (("lower", lower), ("upper", upper))
             )
             first, last = self._whole_spacings(lower, upper)
-        self._region, self._mask = window if window is not None else self.body, None
+        self._masks: dict[str, np.ndarray] = {}
         count = np.prod(last - first + 1)
-        if self._region is not None or count > _COUNTED:
+        if self._regions or count > _COUNTED:
             _check_size(last - first + 1, 1 / 8)
         self._whole: Lattice | None = None
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
@@ -114,31 +116,52 @@ class Lattice(Storable):
         self.upper = self.lower + (np.array(self.shape) - 1) * self.spacing
         if mask is not None and mask.shape != self.shape:
             raise InputError("has another shape", value=mask.shape, limit=self.shape, key="lattice.body")
-        if self._region is not None and self._region.dim != self.dim:
-            raise InputError(
-                "shape and lattice differ in dimension", value=self._region.dim, limit=self.dim, key="lattice"
-            )
-        if self._region is not None and count <= _AT_ONCE:
-            self._mask = self._inside()
+        for region in self._regions.values():
+            if region.dim != self.dim:
+                raise InputError(
+                    "shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice"
+                )
+        if count <= _AT_ONCE:
+            self._check_shown(self.mask)
+
+    @property
+    def _regions(self) -> dict[str, Shape]:
+        """The window and the body, as far as they are given."""
+        return {name: shape for name in ("window", "body") if (shape := getattr(self, name)) is not None}
 
     @property
     def mask(self) -> np.ndarray | None:
-        """Mask of the nodes inside the window or body, of the lattice's shape; None where there is neither.
+        """Mask of the nodes inside the window and the body, of the lattice's shape; None where there is neither.
 
         Raises
         ------
         InputError
             There are no such nodes, unless this is a part of a lattice; for large lattices this is not checked earlier.
         """
-        if self._mask is None and self._region is not None:
-            self._mask = self._inside()
-        return self._mask
+        found = [mask for mask in (self.framed, self.existing) if mask is not None]
+        return np.logical_and.reduce(found) if len(found) > 1 else next(iter(found), None)
 
-    def _inside(self) -> np.ndarray:
-        """Mask of the nodes inside the window or body."""
-        assert self._region is not None
+    @property
+    def framed(self) -> np.ndarray | None:
+        """Mask of the nodes inside the window; None where there is none. The medium does not end at its edge."""
+        return self._inside("window")
+
+    @property
+    def existing(self) -> np.ndarray | None:
+        """Mask of the nodes of the body, outside of which there is nothing; None where there is none."""
+        return self._inside("body")
+
+    def _check_shown(self, mask: np.ndarray | None) -> None:
+        if mask is not None and self._whole is None:
+            check_any(bool(mask.any()))
+
+    def _inside(self, name: str) -> np.ndarray | None:
+        """Mask of the nodes inside the window or the body; None if it is not given."""
+        region = self._regions.get(name)
+        if region is None or name in self._masks:
+            return self._masks.get(name)
         _check_size(np.array(self.shape), 3 * self.dim + 2)
-        inside = kinds.function(self._region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
+        inside = kinds.function(region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
         if not isinstance(inside, np.ndarray) or inside.dtype != bool or inside.shape != self.shape:
             raise InputError(
                 "contains(points) of a shape tells true or false for each point",
@@ -146,8 +169,8 @@ class Lattice(Storable):
                 key="lattice",
                 limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}",
             )
-        if self._whole is None:
-            check_any(bool(inside.any()))
+        self._check_shown(inside)
+        self._masks[name] = inside
         return inside
 
     def _whole_spacings(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -207,7 +230,7 @@ class Lattice(Storable):
         made.shape = tuple(last - first for first, last in ranges)
         made.lower = np.array([along[first] for along, (first, _) in zip(self.axes, ranges, strict=True)])
         made.upper = np.array([along[last - 1] for along, (_, last) in zip(self.axes, ranges, strict=True)])
-        made._mask = None if self._mask is None else self._mask[made.within]
+        made._masks = {name: mask[made.within] for name, mask in self._masks.items()}
         return made
 
     def around(self, more: Sequence[int]) -> tuple[Lattice, tuple[slice, ...]]:
@@ -283,8 +306,8 @@ class Lattice(Storable):
         pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(self.dim)]
         low, high = (np.array([p[i] for p in pads]) * self.spacing for i in range(2))
         grown = Lattice(self.spacing, self.lower - low, self.upper + high)
-        if self.body is not None and self.mask is not None:
-            grown.body, grown._mask = self.body, np.pad(self.mask, pads, mode="edge")
+        if self.existing is not None:
+            grown.body, grown._masks = self.body, {"body": np.pad(self.existing, pads, mode="edge")}
         return grown
 
     @property

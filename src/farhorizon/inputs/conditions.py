@@ -452,7 +452,7 @@ class _Face:
             ends = [(first, first + n) for first, n in zip(part.first, part.shape, strict=True)]
             last = min(start + step, self.count)
             ends[axis] = (start, last) if self.side < 0 else (self.count - last, self.count - start)
-            mask = self.lattice.part(ends).mask
+            mask = self.lattice.part(ends).existing
             assert mask is not None
             for depth, there in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
                 nearest = np.where((thickness == 0) & there, depth, nearest)

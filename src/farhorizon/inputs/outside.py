@@ -273,10 +273,10 @@ class Beyond:
         steps = dx * np.arange(1, self.depth[axis, side] + 1)
         axes[axis] = lattice.upper[axis] + steps if side > 0 else lattice.lower[axis] - steps
         coordinates = list(np.meshgrid(*axes, indexing="ij"))
-        if lattice.body is None or lattice.mask is None:
+        if lattice.existing is None:
             return coordinates, np.ones(coordinates[0].shape, bool)
         pads[axis] = (0, 0)
-        edge = np.pad(np.take(lattice.mask, [0 if side < 0 else -1], axis), pads, mode="edge")
+        edge = np.pad(np.take(lattice.existing, [0 if side < 0 else -1], axis), pads, mode="edge")
         return coordinates, np.broadcast_to(edge, coordinates[0].shape)
 
 

@@ -252,7 +252,7 @@ def _around(
     its rim is not free.
     """
     inside = nodes_in(hole, lattice, f"{key}.on")
-    body = np.ones(lattice.shape, bool) if lattice.body is None or lattice.mask is None else lattice.mask
+    body = np.ones(lattice.shape, bool) if lattice.existing is None else lattice.existing
     if (inside & body).any() or rim != "free":
         raise InputError(
             "a pressure acts on the free rim of a hole",

@@ -229,7 +229,7 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     check_size(values, key)
     if lattice.mask is None:
         return values
-    return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)
+    return np.where(np.isfinite(values) if lattice.existing is None else lattice.existing, values, 0.0)
 
 
 def checked_shape(values: np.ndarray, lattice: Lattice, key: str) -> np.ndarray:

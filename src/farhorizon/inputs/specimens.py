@@ -62,8 +62,8 @@ class Specimen(Storable):
                 raise InputError(
                     "a mask must have the lattice's shape", value=found.shape, limit=lattice.shape, key=f"{key}.where"
                 )
-        if lattice.body is not None and lattice.mask is not None:
-            found = found & lattice.mask
+        if lattice.existing is not None:
+            found = found & lattice.existing
         if lattice.whole is lattice:
             check_held(bool(found.any()), key)
         return found

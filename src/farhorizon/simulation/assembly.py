@@ -368,8 +368,7 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
     beyond.notes += near.conditions.notes + around.doubts + around.notes + jumps(setup, near)
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
-    body = None if lattice.body is None else lattice.mask
-    for values, called in ((near.factor, name), (near.density, "the density"), (body, "the body")):
+    for values, called in ((near.factor, name), (near.density, "the density"), (lattice.existing, "the body")):
         if values is not None:
             beyond.notes += changes(values.astype(float), called, beyond.targets, stencil.reach)
     extended = [key for key in beyond.targets if around.sides[key].extended]  # bonds also break beyond these sides
@@ -385,8 +384,8 @@ def _margins(
     """Return the number of nodes of the core beyond each side of the near field."""
     setup, near = found.setup, found.near
     medium = [start.solid, *near.variation.of_waves]
-    if setup.lattice.body is not None and setup.lattice.mask is not None:
-        medium.append(setup.lattice.mask)
+    if setup.lattice.existing is not None:
+        medium.append(setup.lattice.existing)
     margins = choose_margins(near, around, (start.u, start.v), medium, _cuts(setup), states, team)
     return margins | warm_margins(setup, warm, around)
 

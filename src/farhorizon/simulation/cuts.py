@@ -102,10 +102,10 @@ class CutBonds:
         """
         lattice, engine = self.near.lattice, self.grid.engine
         core = np.ones(engine.core.nodes)
-        if body and lattice.body is not None and lattice.mask is not None:
-            core = self.grid.grown(lattice.mask.astype(float))
+        if body and lattice.existing is not None:
+            core = self.grid.grown(lattice.existing.astype(float))
         beyond = {key: 0.0 for key, b in self.around.sides.items() if not b.bonded}
-        return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.mask is not None) > 0.5
+        return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.body is not None) > 0.5
 
     def _beyond_halo(self, closure: Closure) -> list[_Bonds]:
         """Return the bonds that lead from the near field beyond a halo thinner than the reach of the stencil."""

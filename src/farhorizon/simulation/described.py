@@ -27,7 +27,7 @@ def arguments_of(value: Any) -> dict[str, Any] | None:
         return None
     names = list(inspect.signature(type(value)).parameters)
     if isinstance(value, Lattice) and value.window is not None:
-        names = ["spacing", "window"]
+        names = ["spacing", "window", "body"]
     return {name: getattr(value, name) for name in names}
 
 

@@ -93,7 +93,7 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
         total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
     at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
     if at_rest or rim_held:  # the other half of the bonds to sides, and to the outside of a body, where u is zero
-        inside = near.lattice.mask if rim_held else None
+        inside = near.lattice.existing if rim_held else None
         core = np.ones(engine.core.nodes) if inside is None else grid.grown(inside.astype(float))
         there = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
         grid.clear_walls(there)

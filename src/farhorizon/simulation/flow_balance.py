@@ -124,12 +124,13 @@ class FlowBalance:
         inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also if it is not contiguous
         for i in self._holding:
             inner.flat[near.prescribed.nodes[i]] = self._prescribing[i] + 1
-        if lattice.mask is not None and (lattice.body is not None or near.closed is not None):
+        ends = lattice.existing if near.closed is None else lattice.mask
+        if ends is not None:
             number = -1  # bonds to the free edge of a body are absent and need no account
             if rim == "fixed" or near.closed is not None:
                 names.append("rim" if rim == "fixed" else "outline")
                 number = len(names)
-            inner[~lattice.mask] = number
+            inner[~ends] = number
         core[grid.near] = inner.reshape(core[grid.near].shape)
         return names, np.round(engine.spread(core, beyond, jointly=True)).astype(int), inner == 0
 

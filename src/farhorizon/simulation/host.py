@@ -104,8 +104,8 @@ def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
     part = replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))) if team else setup
     lattice, outside, constants = part.lattice, dict[str, float](), dict[str, float]()
     values = constants_of(part)
-    if lattice.mask is not None and lattice.body is not None:
-        there = np.flatnonzero(lattice.mask)
+    if lattice.existing is not None:
+        there = np.flatnonzero(lattice.existing)
         check_any(team.any(bool(there.size)))
         for name, value in values.items():
             outside |= _middle(value.ravel()[there], {name: value.ravel()[there]}, there, lattice, team)
@@ -279,9 +279,9 @@ def _unlike_one(variation: Variation) -> list[str]:
 
 def _filled(values: dict[str, np.ndarray], lattice: Lattice, outside: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Return constants with those outside a body filled in."""
-    if not outside or lattice.mask is None:
+    if not outside or lattice.existing is None:
         return values
-    return {name: np.where(lattice.mask, value, outside[name]) for name, value in values.items()}
+    return {name: np.where(lattice.existing, value, outside[name]) for name, value in values.items()}
 
 
 def _middle(
@@ -340,7 +340,7 @@ def _to_nearest(reach: int, dim: int) -> int:
 
 def _to_rim(factor: np.ndarray, lattice: Lattice) -> np.ndarray:
     """Return a factor that, outside a body, is that of its nearest node."""
-    if lattice.mask is None or not lattice.mask.any():
+    if lattice.existing is None or not lattice.existing.any():
         return factor
-    nearest = distance_transform_edt(~lattice.mask, return_distances=False, return_indices=True)
+    nearest = distance_transform_edt(~lattice.existing, return_distances=False, return_indices=True)
     return np.asarray(factor[tuple(nearest)])

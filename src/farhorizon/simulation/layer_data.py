@@ -127,8 +127,8 @@ class Driven:
             low, high = (np.asarray(bound, float) for bound in crack.cut.bounds())
             first, last = (np.round((bound - lattice.lower) / lattice.spacing).astype(int) for bound in (low, high))
             found[tuple(slice(max(a, 0), max(b, 0) + 1) for a, b in zip(first, last, strict=True))] = True
-        if lattice.body is not None and lattice.mask is not None:
-            found |= ~lattice.mask
+        if lattice.existing is not None:
+            found |= ~lattice.existing
         for values in (self.near.factor, self.near.density):
             if values is not None:
                 for axis in range(lattice.dim):

@@ -223,8 +223,8 @@ class NearField:
             uniform = np.multiply.outer(self.model.moduli or (0.0, 0.0), found)
             alike = np.abs(self.variation.lame - uniform) <= _ALIKE * np.abs(self.variation.lame).max()
             found[~alike.all(0)] = np.nan
-        if lattice.body is not None and lattice.mask is not None:
-            found[~lattice.mask] = np.nan
+        if lattice.existing is not None:
+            found[~lattice.existing] = np.nan
         return found
 
     @property
@@ -241,10 +241,9 @@ class NearField:
 
     def inside(self, values: np.ndarray) -> np.ndarray:
         """Return the values, zero outside a body, and beyond the outline of a window if a condition closes it."""
-        if self.closed is not None:
-            return np.where(self.closed, values, 0.0)
-        lattice = self.lattice
-        return np.where(lattice.mask, values, 0.0) if lattice.body is not None and lattice.mask is not None else values
+        for there in (self.closed, self.lattice.existing):
+            values = values if there is None else np.where(there, values, 0.0)
+        return values
 
     def visible(self, values: np.ndarray) -> np.ndarray:
         """Return the values, nan on hidden nodes."""

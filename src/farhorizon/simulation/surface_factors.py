@@ -71,7 +71,7 @@ def surface_factor(lattice: Lattice, model: Elastic, boundary: Side | Mapping[st
         )
     sides = Setup(lattice, model, boundary).sides
     offsets, weights = Stencil.family(model.kernel, lattice.spacing, lattice.dim)
-    there = np.ones(lattice.shape) if lattice.body is None or lattice.mask is None else lattice.mask.astype(float)
+    there = np.ones(lattice.shape) if lattice.existing is None else lattice.existing.astype(float)
     padded, reach = there, np.abs(offsets).max(0)
     for axis, m in enumerate(reach):
         if sides[axis, -1].periodic:

@@ -117,7 +117,7 @@ def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     stretched = [key for key, boundary in sides.items() if boundary.derivatives]
     if not stretched:
         return
-    there = np.ones(setup.lattice.shape, bool) if setup.lattice.mask is None else setup.lattice.mask
+    there = np.ones(setup.lattice.shape, bool) if setup.lattice.existing is None else setup.lattice.existing
     felt = {name: values for name, values in constants_of(setup).items() if name in setup.model.uneven}
     medium = {"lattice.body": there, **{f"model.{name}": np.where(there, one, 0.0) for name, one in felt.items()}}
     for (name, values), (axis, side) in itertools.product(medium.items(), stretched):
@@ -285,4 +285,4 @@ def _check_closing(setup: Setup, sides: Sides) -> None:
 def closed_window(setup: Setup, sides: Sides) -> np.ndarray | None:
     """Return the nodes of a window that a condition along its outline closes; None if there is none."""
     closes = setup.lattice.window is not None and any(b.closing for b in sides.values())
-    return setup.lattice.mask if closes else None
+    return setup.lattice.framed if closes else None

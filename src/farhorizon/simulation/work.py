@@ -85,8 +85,8 @@ def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
     around, own = part.around(reach)  # with all nodes within reach of its own
     box = [2 * m + 1 for m in reach]
     found = np.full(around.shape, costs.node)
-    if whole.body is not None and around.mask is not None and setup.rim == "free" and costs.rim:
-        found += costs.rim * (around.mask & ~minimum_filter(around.mask, box, mode="nearest"))
+    if around.existing is not None and setup.rim == "free" and costs.rim:
+        found += costs.rim * (around.existing & ~minimum_filter(around.existing, box, mode="nearest"))
     if any(costs.uneven):
         several, in_row = _uneven(setup, model, around, reach)
         found += costs.uneven[0] * several + costs.uneven[1] * in_row

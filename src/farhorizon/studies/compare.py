@@ -361,7 +361,8 @@ def _ended(setup: Setup, ours: Simulation, rim: str) -> Simulation:
     }
     lattice = ours.lattice
     if lattice.window is not None:
-        changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
+        body = lattice.window if lattice.body is None else lattice.window & lattice.body
+        changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=body), "rim": rim}
     return Simulation.of(replace(setup, **changes))
 
 
