@@ -1,6 +1,6 @@
 """Waves around two notches in an infinite membrane, by the Python interface.
 
-The same as two_notches.toml (example 3 of Hermann, Shojaei, Seleson and Cyron, 2023). Runs in a few seconds:
+The same as two_notches.toml (example 3 of Hermann, Shojaei, Seleson, Cyron and Silling, 2023). Runs in a few seconds:
 ``python examples/two_notches.py``.
 """
 

@@ -21,6 +21,14 @@ def test_rows():
     assert "misprint, read 1: why" in text and "+1.0 %" in text and "PML: 1.0e-09" in text
 
 
+def test_one_paper_has_one_name():
+    """Entries of one author list and year cite one title; no two papers here share both."""
+    titles = {}
+    for entry in REPRODUCTIONS.entries().values():
+        authors, year, title = re.fullmatch(r"(.+) \((\d{4})\), (.+)", entry.paper).groups()
+        assert titles.setdefault((authors, year), title) == title
+
+
 def test_all_published_items_are_there():
     known = set(REPRODUCTIONS.entries())
     assert {f"hermann2023-{name}" for name in ("ex1", "ex2", "ex3", "appB", "fig6", "fig10")} <= set(

@@ -2,7 +2,8 @@
 
 The operator is ``L u(x) = c * integral over |xi| < horizon of w(r) r^-p (u(x + xi) - u(x)) dV`` and the constant
 c makes ``L u -> coefficient * laplace(u)`` for long waves. Scaling constants and closed forms of the dispersion
-follow Shojaei, Hermann, Seleson and Cyron (2020), table 1, and Hermann, Shojaei, Seleson and Cyron (2023), eqs 22-30.
+follow Shojaei, Hermann, Seleson and Cyron (2020), table 1, and Hermann, Shojaei, Seleson, Cyron and Silling (2023), eqs
+22 to 30.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ class Diffusion(LatticeModel):
 
     Notes
     -----
-    Shojaei, Hermann, Seleson and Cyron (2020), eqs 1 to 5.
+    Shojaei, Hermann, Seleson and Cyron (2020), eqs 1 and 6 to 9.
 
     Examples
     --------

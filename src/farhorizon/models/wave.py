@@ -35,7 +35,7 @@ class Wave(LatticeModel):
 
     Notes
     -----
-    Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42. For pressure waves in a fluid, with
+    Hermann, Shojaei, Seleson, Cyron and Silling (2023), eqs 1, 6 and 42. For pressure waves in a fluid, with
     :math:`\nabla\cdot(\rho_f^{-1}\,\nabla p)` on the right-hand side, the density is :math:`1/(\rho_f c^2)` here.
 
     Examples

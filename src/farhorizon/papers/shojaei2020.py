@@ -1,5 +1,5 @@
 """Shojaei, Hermann, Seleson and Cyron (2020): Dirichlet absorbing conditions for classical and peridynamic diffusion,
-example 1 and table 1.
+example 1 (section 5.1) and table 1.
 
 The paper does not state the largest wavenumber of its modes, Delta kappa. Eq 47 allows up to 11.3 in example 1, which
 is no better than a value held at zero. The smallest errors, a few per cent, are reached with a few times the reciprocal

@@ -1,5 +1,5 @@
-"""Shojaei, Hermann, Seleson and Cyron (2020): diffusion in unbounded domains, examples 2 and 3, corroding letters and a
-corroding sphere.
+"""Shojaei, Hermann, Seleson and Cyron (2020): examples 2 and 3 (sections 5.2, 5.3), corroding letters and a corroding
+sphere.
 
 What the paper leaves open is chosen such that its statements are reproduced:
 
@@ -34,13 +34,10 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Corrosion
 from farhorizon.papers.reproductions import reproduction
+from farhorizon.papers.shojaei2020 import PAPER
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 
-PAPER = (
-    "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet-type absorbing boundary conditions for peridynamic scalar "
-    "diffusion"
-)
 LIQUID, INTERFACE, SATURATION = 7957.70, 795.77, 0.8  # micro-diffusivities and u_sat of both examples
 
 
