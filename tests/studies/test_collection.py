@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from farhorizon import InputError
@@ -19,6 +20,13 @@ def test_rows():
     assert Row("a", 1.01).deviation is None
     text = outcome_table(Outcome([Row("a", 1.01, 10.0, 1.0, "why"), Row("bb", 2.0)], {"PML": 1e-9}), "printed")
     assert "misprint, read 1: why" in text and "+1.0 %" in text and "PML: 1.0e-09" in text
+
+
+def test_counted_numbers_keep_their_digits():
+    """Integers are printed as such, measured numbers to five digits."""
+    text = outcome_table(Outcome([Row("nodes", 33949, 33949), Row("few", np.int64(7)), Row("e", 33949.4)]), "printed")
+    assert text.splitlines()[1].split()[:5] == ["nodes", "33", "949", "33", "949"]
+    assert text.splitlines()[2].split() == ["few", "7"] and text.splitlines()[3].split() == ["e", "33949"]
 
 
 def test_one_paper_has_one_name():

@@ -187,7 +187,7 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
         "lattice PML": LatticePML(nodes=30),
     }
     nodes = int((2 * RADIUS / 0.5 + 1) ** 2)
-    counts = [Row("nodes of the square", nodes, 11025), Row("elements", (2 * RADIUS / 0.5) ** 2, 10816)]
+    counts = [Row("nodes of the square", nodes, 11025), Row("elements", int((2 * RADIUS / 0.5) ** 2), 10816)]
     outcome, runs, exact = _outcome(setup, square(_SMALL, 0.05), conditions, COURSE, TIMES)
     paths = [folder / f"hermann2023-{name}.png" for name in ("fig8", "fig9", "ex1-errors")]
     shown = ("published, 2 spacings", "first order, A13", "lattice PML")

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from typing_extensions import TypedDict
 
 from farhorizon.errors import InputError
@@ -233,15 +234,22 @@ class Collection:
         return entries[name]
 
 
+def _number(value: float) -> str:
+    """A counted number with all its digits, in groups of three from five digits on; a measured one to five digits."""
+    if not isinstance(value, int | np.integer):
+        return f"{value:.5g}"
+    return f"{value:,}".replace(",", " ") if abs(value) >= 10_000 else str(value)
+
+
 def outcome_table(outcome: Outcome, known: str) -> str:
     """Return the rows as text: the computed number, the known one under its heading, deviation, note."""
     width = max(len(row.what) for row in outcome.rows)
     lines = [f"{'':{width}}  {'ours':>10}  {known:>10}  {'deviation':>9}  note"]
     for row in outcome.rows:
-        printed = "" if row.printed is None else f"{row.printed:.5g}"
+        printed = "" if row.printed is None else _number(row.printed)
         deviation = "" if row.deviation is None else f"{100 * row.deviation:+.1f} %"
         note = row.note if row.corrected is None else f"misprint, read {row.corrected:.3g}: {row.note}"
-        lines.append(f"{row.what:{width}}  {row.ours:>10.5g}  {printed:>10}  {deviation:>9}  {note}".rstrip())
+        lines.append(f"{row.what:{width}}  {_number(row.ours):>10}  {printed:>10}  {deviation:>9}  {note}".rstrip())
     for name, value in outcome.infinite_error.items():
         lines.append(f"error against the infinite medium at the same time step, {name}: {value:.1e}")
     return "\n".join(lines)
