@@ -246,18 +246,23 @@ def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
     assert certificate.rate == pytest.approx(measured_rate(sim, 8000), rel=0.05)
 
 
+HARDLY_REGULARISED = fh.PlaneWave(radius=0.75, angle=60.0, wavenumber=2.0, regularization=4e-5)
+
+
 @pytest.mark.parametrize(
     "radius, boundary, verdict",
     [
         (4.12, fh.PlaneWave(), "certified"),
+        (4.12, HARDLY_REGULARISED, "certified"),
         (4.12, fh.PlaneWave(fit="collocation", wavenumber=1.0), "not certified"),
         (4.12, fh.Higdon(), "certified"),
-        (4.0, fh.PlaneWave(), "not certified"),
+        (4.0, fh.PlaneWave(), "certified"),
+        (4.0, HARDLY_REGULARISED, "not certified"),
     ],
 )
 def test_closed_discs(radius, boundary, verdict):
     """The shape of the outline decides: single nodes at the poles, where the radius is a whole number of spacings,
-    make a fit grow.
+    make a fit grow that is hardly regularised.
     """
     model = fh.Wave(fh.Kernel(0.75, 2), damping=0.0125)
     sim = fh.Simulation(fh.Lattice(0.25, window=fh.Disc(radius)), model, boundary, dt=0.05)

@@ -9,6 +9,8 @@ continuous time it is the exponential.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from farhorizon.errors import InputError
@@ -174,9 +176,24 @@ def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.exp(exponent)
 
 
+class Fit(NamedTuple):
+    """Weights that give the next value at a cloud's centre.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (levels, J)
+        For the present step and earlier ones.
+    condition : float
+        Condition number of what was inverted: without the singular values that are cut off, and with regularisation.
+    """
+
+    weights: np.ndarray
+    condition: float
+
+
 def fit(
-    modes: np.ndarray, factor: np.ndarray, levels: int, *, regularization: float | None = None, rcond: float = 1e-15
-) -> np.ndarray:
+    modes: np.ndarray, factor: np.ndarray, levels: int, *, regularization: float | None = None, rcond: float = 1e-12
+) -> Fit:
     """Weights that give the next value at a cloud's centre from the values of the cloud at the present and earlier
     steps, fitted to modes.
 
@@ -193,13 +210,10 @@ def fit(
     regularization : float, optional
         Parameter of Tikhonov's method, relative to the largest singular value. Without it, singular values below
         `rcond` times the largest are cut off.
-
-    Returns
-    -------
-    ndarray, shape (levels, J)
     """
     matrix = np.concatenate([modes * factor[:, None] ** -float(level) for level in range(levels)], axis=1)
-    return _solve(matrix, factor, None if regularization is None else regularization, rcond).reshape(levels, -1)
+    weights, condition = _solve(matrix, factor, regularization, rcond)
+    return Fit(weights.reshape(levels, -1), condition)
 
 
 def fit_operator(
@@ -211,7 +225,7 @@ def fit_operator(
     order: int,
     rate: float,
     regularization: float,
-) -> np.ndarray:
+) -> Fit:
     """As `fit`, but fitted to the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which
     has a limit as dt goes to 0.
 
@@ -231,25 +245,23 @@ def fit_operator(
         Coefficient over squared spacing, which scales the unknowns to the order of 1.
     regularization : float
         Parameter of Tikhonov's method, absolute, in those units.
-
-    Returns
-    -------
-    ndarray, shape (order, J)
     """
     weight = (np.abs(symbol) / rate + _LOWEST) ** -1.5
     if order == 1:
-        a = _solve(weight[:, None] * modes, weight * (factor - 1) / (dt * rate), regularization, 0.0, absolute=True)
+        wanted = (factor - 1) / (dt * rate)
+        a, condition = _solve(weight[:, None] * modes, weight * wanted, regularization, 0.0, absolute=True)
         update = dt * rate * a[None]
     else:
         speed = np.sqrt(rate)
         change = (1 - 1 / factor) / (dt * speed)
         wanted = (factor - 2 + 1 / factor) / (dt**2 * rate)
         matrix = np.concatenate([modes, modes * change[:, None]], axis=1) * weight[:, None]
-        a, b = _solve(matrix, wanted * weight, regularization, 0.0, absolute=True).reshape(2, -1)
+        unknowns, condition = _solve(matrix, wanted * weight, regularization, 0.0, absolute=True)
+        a, b = unknowns.reshape(2, -1)
         update = np.array([dt**2 * rate * a + dt * speed * b, -dt * speed * b])
         update[1, centre] -= 1
     update[0, centre] += order
-    return update
+    return Fit(update, condition)
 
 
 _LOWEST = 1e-4  # S/rate below which longer waves have no higher weight
@@ -257,13 +269,20 @@ _LOWEST = 1e-4  # S/rate below which longer waves have no higher weight
 
 def _solve(
     matrix: np.ndarray, wanted: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False
-) -> np.ndarray:
-    """Real least-squares solution of complex equations by singular values, cut off at `rcond` or regularized."""
+) -> tuple[np.ndarray, float]:
+    """Real least-squares solution of complex equations by singular values, cut off at `rcond` or regularized, and the
+    condition number of what was inverted.
+    """
     real = np.concatenate([matrix.real, matrix.imag])
     left, values, right = np.linalg.svd(real, full_matrices=False)
     part = left.T @ np.concatenate([wanted.real, wanted.imag])
     if regularization is None:
-        inverse = np.where(values > rcond * values[0], 1 / np.where(values > 0, values, 1.0), 0.0)
+        kept = values > rcond * values[0]
+        inverse = np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)
+        condition = values[0] / values[kept][-1]
     else:
-        inverse = values / (values**2 + (regularization * (1.0 if absolute else values[0])) ** 2)
-    return right.T @ (inverse * part)
+        added = (regularization * (1.0 if absolute else values[0])) ** 2
+        inverse = values / (values**2 + added)
+        with np.errstate(divide="ignore"):
+            condition = np.sqrt((values[0] ** 2 + added) / (values[-1] ** 2 + added))
+    return right.T @ (inverse * part), float(condition)

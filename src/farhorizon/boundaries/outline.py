@@ -240,10 +240,13 @@ class OutlineNodes:
     extent : float
         Half the extent of the near field.
     spacing, depth : float
+    remarks : list of str
+        What conditions say about their rows, for the report.
     """
 
     def __init__(self, outline: Outline, halo: np.ndarray, depth: float) -> None:
         self.outline, self.spacing, self.depth = outline, outline.spacing, depth
+        self.remarks: list[str] = []
         reach = int(np.ceil(depth / outline.spacing))
         pads = [(reach if a in outline.periodic else 0,) * 2 for a in range(halo.ndim)]
         away = ndimage.distance_transform_edt(~np.pad(halo, pads, mode="wrap"))
@@ -373,9 +376,12 @@ class Closure:
     def describe(self) -> str:
         """Describe what closes the outline, for the report."""
         entries = np.diff(self.update.indptr)
-        return (
-            f"{len(self.rows)} halo nodes from {entries.min()} to {entries.max()} values each, {self.levels} levels of "
-            f"{len(self.fringe.points)} nodes kept"
+        return "; ".join(
+            [
+                f"{len(self.rows)} halo nodes from {entries.min()} to {entries.max()} values each, {self.levels} "
+                f"levels of {len(self.fringe.points)} nodes kept",
+                *dict.fromkeys(self.fringe.remarks),
+            ]
         )
 
 

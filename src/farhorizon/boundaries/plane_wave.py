@@ -28,6 +28,8 @@ _CHOICES = {
     "time": ("discrete", "continuous"),
     "normals": ("lattice", "free"),
 }
+# Hermann et al. (2023), section 4.3 and remark 1: condition numbers of at most 1e11 to 1e12, and weights of at most 2
+_CONDITION, _NORM = 1e12, 2.0
 _MOST = 1000  # most modes along a direction, directions, and nodes of a cloud's grid: far beyond use, and soon computed
 
 
@@ -55,9 +57,9 @@ class PlaneWave(Closing):
     """Side or outline at which the halo follows outgoing modes, fitted to the nodes of a cloud.
 
     The condition is local in space and time: it is accurate to the extent that the far field near a node is a sum of
-    its modes, about 1e-3 for waves and a few per cent for diffusion. Its stability is not proven; the spectral radius
-    must be measured for every set-up. Options left out take the values that were found to be best: for waves the
-    operator fit, for diffusion the published collocation with wavenumbers on the scale of the near field.
+    its modes, about 1e-3 for waves. Its stability is not proven; `check` computes it for every set-up. Options left out
+    take, for waves, an operator fit whose regularisation keeps it stable in damped media; for diffusion the published
+    collocation with wavenumbers on the scale of the near field. `check --tune` searches for sharper settings.
 
     Parameters
     ----------
@@ -72,24 +74,24 @@ class PlaneWave(Closing):
         Thickness of the fringe of fitted nodes; as far as the stencil reaches unless given. Beyond a thinner fringe
         bonds are absent.
     radius : float, optional
-        Radius of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for
+        Radius of a cloud. Waves: the reach of the stencil, at least two spacings. One spacing for diffusion and for
         wide stencils for waves in 1D, one and a half among points without a lattice: wider clouds lead to growth there.
     cone : float, optional
         Half the opening angle of a cloud about the inward normal, in degrees: 45 for waves, 180 (a complete ball) for
         diffusion.
     thin : int, optional
-        Use only the nodes nearest to a grid of `thin` spacings along normal and tangents. Waves: chosen such that three
-        remain along the normal.
+        Use only the nodes nearest to a grid of `thin` spacings along normal and tangents. Collocation of waves: chosen
+        such that three remain along the normal.
     normals : {"lattice", "free"}, optional
         Rotate clouds to the nearest direction between lattice nodes (multiples of 45 degrees), which makes all clouds
         of one direction identical and symmetric, or leave them as they are. "lattice" for waves on a lattice, otherwise
         "free".
     angle : float, optional
-        Largest angle between modes and normal, in degrees: 60 (operator fit), otherwise 45.
+        Largest angle between modes and normal, in degrees: 30 (operator fit), otherwise 45.
     angles : int
         Number of directions from -angle to angle; in 3D rings about the normal.
     wavenumber : float, optional
-        Largest wavenumber: 1/2 divided by the spacing for the operator fit, 1/4 for other waves; diffusion: 6 divided
+        Largest wavenumber: 1 divided by the spacing for the operator fit, 1/4 for other waves; diffusion: 6 divided
         by half the extent of the nodes, at most 1/10 divided by the spacing.
     wavenumbers : int, optional
         Number of wavenumbers, evenly spaced starting at `smallest`: 10 for the operator fit, otherwise 5.
@@ -97,10 +99,12 @@ class PlaneWave(Closing):
         Smallest wavenumber; a fortieth of the largest for the operator fit, otherwise the interval between wavenumbers.
     regularization : float, optional
         Tikhonov regularisation parameter; collocation uses the pseudo-inverse unless it is given. The operator fit uses
-        4e-5, one of the values up to 1e-4 that suppress rounding errors and change its reflection by less than a
-        thousandth; from 1e-3 on they damp the fit itself.
+        1, the order of its unknowns: they are fitted as far as the modes determine them. Below 1e-4 it merely
+        suppresses rounding errors: the fit reflects a fifth as much, and grows in most set-ups.
     rcond : float
-        Singular values below this fraction of the largest are cut off by the pseudo-inverse.
+        Singular values below this fraction of the largest are cut off by the pseudo-inverse. 1e-12 unless given: the
+        condition number of what is inverted then stays within the range that Hermann et al. (2023), remark 1,
+        recommend.
     balanced : bool
         False: the published grid of directions in 3D, which favours one side.
 
@@ -133,7 +137,7 @@ class PlaneWave(Closing):
     wavenumbers: int | None = None
     smallest: float | None = None
     regularization: float | None = None
-    rcond: float = 1e-15
+    rcond: float = 1 / _CONDITION
     balanced: bool = True
 
     def __post_init__(self) -> None:
@@ -151,6 +155,10 @@ class PlaneWave(Closing):
         }
         kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
+    def calmer(self) -> str:
+        """Return the default, or damping where it is the default that grows: it is certified in damped media."""
+        return "a model with damping=0.15 / crossing time" if self == PlaneWave() else "PlaneWave() without options"
+
     def wanted(self, default: float) -> float:
         """Return the fraction of the largest value that may be neglected beyond the outline: much less than the error
         of the condition itself.
@@ -166,9 +174,9 @@ class PlaneWave(Closing):
         reach = float(np.abs(medium.offsets).max(initial=0.0))
         flat = lattice and medium.offsets.shape[1] == 1
         narrow = not waves or (flat and reach > 1.5 * spacing)
-        radius = self.radius or (spacing if narrow else max(reach, 3 * spacing) if lattice else 1.5 * spacing)
+        radius = self.radius or (spacing if narrow else max(reach, 2 * spacing) if lattice else 1.5 * spacing)
         largest = self.wavenumber or (
-            0.5 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing)
+            1 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing)
         )
         count = self.wavenumbers or (10 if operator else 5)
         smallest = self.smallest or (largest / 40 if operator else largest / count)
@@ -178,13 +186,14 @@ class PlaneWave(Closing):
             discrete=(self.time or ("discrete" if waves else "continuous")) == "discrete",
             radius=radius,
             cone=np.radians(self.cone or (45.0 if waves else 180.0)),
-            thin=self.thin or (max(1, int(np.ceil(radius / spacing / 3 - 1e-9))) if waves and not flat else 1),
+            thin=self.thin
+            or (max(1, int(np.ceil(radius / spacing / 3 - 1e-9))) if waves and not operator and not flat else 1),
             snapped=(self.normals or ("lattice" if waves and lattice else "free")) == "lattice",
-            angle=np.radians((60.0 if operator else 45.0) if self.angle is None else self.angle),
+            angle=np.radians((30.0 if operator else 45.0) if self.angle is None else self.angle),
             angles=self.angles,
             balanced=self.balanced,
             wavenumbers=np.linspace(smallest, largest, count),
-            regularization=4e-5 if operator and self.regularization is None else self.regularization,
+            regularization=1.0 if operator and self.regularization is None else self.regularization,
             rcond=self.rcond,
         )
 
@@ -203,16 +212,13 @@ class PlaneWave(Closing):
         S) for waves, (H, 2 S) for diffusion.
         """
         points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
-        found = update_matrix(
-            points,
-            halo,
-            fringe.normals[halo],
-            medium,
-            self,
-            spacing=fringe.spacing,
-            extent=fringe.extent,
-            enclosing=False,
-        ).tocoo()
+        recipe = self.recipe(medium, fringe.spacing, fringe.extent)
+        matrix, condition = _fitted_rows(points, halo, fringe.normals[halo], medium, recipe, fringe.spacing)
+        fringe.remarks.append(
+            f"condition number at most {condition:.1e}, norm of V at most {np.abs(matrix.data).max():.3g} "
+            f"(remark 1: {_CONDITION:g} and {_NORM:g})"
+        )
+        found = matrix.tocoo()
         level, column = np.divmod(found.col, len(points))
         shape = (len(halo), (medium.order + 1) * len(fringe.points))
         return sparse.csr_array(
@@ -266,18 +272,24 @@ def update_matrix(
     _check_points(points, absorbing, normals)
     if enclosing:
         _check_enclosing(points, absorbing)
-    tree = cKDTree(points)
     if spacing is None:
-        spacing = float(np.median(tree.query(points, 2)[0][:, 1]))
+        spacing = float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
     if extent is None:
         extent = float(np.ptp(points, axis=0).max()) / 2
     recipe = (condition or PlaneWave()).recipe(medium, spacing, extent)
+    return _fitted_rows(points, absorbing, normals, medium, recipe, spacing)[0]
+
+
+def _fitted_rows(
+    points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray, medium: Medium, recipe: Recipe, spacing: float
+) -> tuple[sparse.csr_array, float]:
+    """Return the matrix of `update_matrix`, and the largest condition number of a fit."""
     units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if recipe.snapped:
         units = _snapped(units)
-    near = tree.query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
+    near = cKDTree(points).query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
     outwards = wavevectors(recipe, points.shape[1], medium.order)
-    known: dict[tuple[bytes, bytes], np.ndarray] = {}
+    known: dict[tuple[bytes, bytes], modes.Fit] = {}
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
         members = np.array(found)
@@ -296,12 +308,13 @@ def update_matrix(
         key = normal.tobytes(), steps[chosen].tobytes()
         if key not in known:
             known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(normal), spacing * steps[chosen])
-        for level, values in enumerate(known[key]):
+        for level, values in enumerate(known[key].weights):
             rows.append(np.full(chosen.size, number))
             columns.append(level * len(points) + members[chosen])
             weights.append(values)
     shape = (absorbing.size, medium.order * len(points))
-    return sparse.csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    matrix = sparse.csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    return matrix, max(fit.condition for fit in known.values())
 
 
 def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe) -> np.ndarray:
@@ -344,8 +357,8 @@ def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
     return k if order == 2 else 1j * k
 
 
-def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return the weights of a cloud's nodes for wavevectors k, shape (order, J)."""
+def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> modes.Fit:
+    """Return the fit of a cloud's nodes to wavevectors k."""
     symbol = medium.symbol(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
     shape = modes.phases(k, places)

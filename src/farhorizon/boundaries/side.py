@@ -157,6 +157,10 @@ class Side:
         """
         raise NotImplementedError
 
+    def calmer(self) -> str:
+        """Return what of its kind to use where it grows, in words; empty if there is nothing."""
+        return ""
+
     def width(self, reach: int, spacing: float) -> int:
         """Return the number of nodes of the medium itself that are computed beyond the side, for a stencil of a given
         reach.

@@ -64,6 +64,7 @@ _SHORT = (
     "dispersion",
     "front",
     "cheapest sides",
+    "fitted",
     "time",
     "time near breaking",
     "time in all",
@@ -723,7 +724,9 @@ def _remedy(sim: Examined, backward: BackwardWaves) -> str:
             if sim.lattice.window
             else ""
         )
-        return f"Use Higdon(angles=(0, 45)), settings that 'check --tune' finds, or a LatticePML.{few}"
+        calmer = {boundary.calmer() for boundary in sim.sides.values() if boundary.closing} - {""}
+        others = ["Higdon(angles=(0, 45))", "settings that 'check --tune' finds", "or a LatticePML"]
+        return f"Use {', '.join([*sorted(calmer), *others])}.{few}"
     other = "Exact ends, or " if sim.lattice.dim == 1 else ""
     if not backward:
         return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."

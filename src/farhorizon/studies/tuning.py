@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 BUDGET = 60.0  # seconds
 _SHARE = 0.2  # largest share of the budget for one certificate
 _RADII = (1.0, 2.0, 3.0, 4.0)  # radii of clouds, in spacings; the reach is added
-_ANGLES = (45.0, 60.0, 75.0)  # largest angles of modes
-_REGULARIZATIONS = (4e-5, 1e-2, 1e-1)  # below 1e-4 it has no effect
+_ANGLES = (30.0, 45.0, 60.0)  # largest angles of modes
+_WAVENUMBERS = (0.5, 1.0)  # largest wavenumbers of modes, divided by the spacing
+_REGULARIZATIONS = (4e-5, 1e-2, 1.0)  # below 1e-4 it has no effect; 1 is the order of the unknowns
 _PASSING = (0.0, 15.0, 30.0, 45.0, 60.0)  # angles of Higdon's factors
 _SHIFTS = (1.0, 2.0)  # shift relative to the default
 _BAND = (8.0, 80.0)  # wavelengths in spacings, if there are no data to define them
@@ -98,9 +99,9 @@ def tuned(
     """Search for the options of the closing condition of a simulation with the smallest reflection among those that are
     certified.
 
-    For a `PlaneWave`, the radius of the cloud, the angles of its modes and the regularisation are varied, for a
-    `Higdon` the angles and the shift; all other options remain as given. ``sim.remade(boundary=tuned(sim).boundary)``
-    applies the result.
+    For a `PlaneWave`, the radius of the cloud, the angles and wavenumbers of its modes and the regularisation are
+    varied, for a `Higdon` the angles and the shift; all other options remain as given.
+    ``sim.remade(boundary=tuned(sim).boundary)`` applies the result.
 
     Parameters
     ----------
@@ -177,8 +178,11 @@ def tuned(
 def _candidates(sim: Simulation, given: PlaneWave | Higdon) -> Iterator[PlaneWave | Higdon]:
     if isinstance(given, PlaneWave):
         radii = {r * sim.lattice.spacing for r in (*_RADII, float(max(sim.stencil.reach)))}
-        for radius, angle, regularization in itertools.product(sorted(radii), _ANGLES, _REGULARIZATIONS):
-            yield replace(given, radius=radius, angle=angle, regularization=regularization)
+        waves = [k / sim.lattice.spacing for k in _WAVENUMBERS] if given.wavenumber is None else [given.wavenumber]
+        for radius, angle, wavenumber, regularization in itertools.product(
+            sorted(radii), _ANGLES, waves, _REGULARIZATIONS
+        ):
+            yield replace(given, radius=radius, angle=angle, wavenumber=wavenumber, regularization=regularization)
         return
     assert sim.closure is not None
     speed = float(np.sqrt(sim.model.coefficient))
