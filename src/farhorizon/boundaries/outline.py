@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import permutations, product
 from typing import ClassVar
 
 import numpy as np
@@ -63,6 +64,18 @@ class Medium:
         from that of the model.
         """
         return float(self.weights @ self.offsets[:, 0] ** 2) / 2 if len(self.weights) else self.coefficient
+
+    @cached_property
+    def square(self) -> bool:
+        """Whether mirror images along the axes, and an exchange of axes, leave the bonds as they are."""
+        known = {tuple(o): w for o, w in zip(np.round(self.offsets, 9).tolist(), self.weights.tolist(), strict=True)}
+        return all(
+            abs(known.get(tuple(float(s * o[a]) for s, a in zip(signs, axes, strict=True)), np.inf) - w)
+            <= 1e-9 * abs(w)
+            for o, w in known.items()
+            for axes in permutations(range(len(o)))
+            for signs in product((1, -1), repeat=len(o))
+        )
 
     def symbol(self, k: np.ndarray, dispersion: str) -> np.ndarray:
         """Return the symbol S at wavevectors (M, dim) by one of the dispersion relations of `PlaneWave`.

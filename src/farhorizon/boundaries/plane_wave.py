@@ -289,6 +289,8 @@ def _fitted_rows(
         units = _snapped(units)
     near = cKDTree(points).query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
     outwards = wavevectors(recipe, points.shape[1], medium.order)
+    # in the plane the modes are a mirror image of themselves
+    alike = points.shape[1] == 2 and medium.square
     known: dict[tuple[bytes, bytes], modes.Fit] = {}
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
@@ -304,10 +306,12 @@ def _fitted_rows(
                 key="boundary.radius",
                 remedy=f"a radius above {recipe.radius:g}, or a wider cone",
             )
-        chosen = chosen[np.lexsort(steps[chosen].T)]
-        key = normal.tobytes(), steps[chosen].tobytes()
+        turned, steps = _turned(normal, steps[chosen]) if alike else (normal, steps[chosen])
+        order = np.lexsort(steps.T)
+        chosen, steps = chosen[order], steps[order]
+        key = turned.tobytes(), steps.tobytes()
         if key not in known:
-            known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(normal), spacing * steps[chosen])
+            known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(turned), spacing * steps)
         for level, values in enumerate(known[key].weights):
             rows.append(np.full(chosen.size, number))
             columns.append(level * len(points) + members[chosen])
@@ -369,6 +373,15 @@ def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, place
     return modes.fit_operator(
         shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0
     )
+
+
+def _turned(normal: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a normal and the nodes of its cloud, mirrored and with axes exchanged such that the components of the
+    normal are not negative and do not increase: clouds that are images of each other have one fit.
+    """
+    axes = np.argsort(-np.abs(normal), kind="stable")
+    signs = np.where(normal < 0, -1.0, 1.0)
+    return (signs * normal)[axes] + 0.0, (signs * steps)[:, axes] + 0.0
 
 
 def _snapped(normals: np.ndarray) -> np.ndarray:
