@@ -403,21 +403,22 @@ def field_table(
     left, right, bottom, top = cell_edges(axes)
     width = min(2.0, 8.0 / len(columns))
     height = width * (top - bottom) / (right - left)
-    with figure_at(
-        path, (len(columns) * (width + 0.1) + 1.6, len(rows) * (height + 0.15) + 0.6), "compressed"
-    ) as figure:
+    heads = [wrapped(title, width) for title, _ in columns]
+    above = _LINE * max(head.count("\n") for head in heads)
+    size = (len(columns) * (width + 0.1) + 1.6, len(rows) * (height + 0.15) + 0.6 + above)
+    with figure_at(path, size, "compressed") as figure:
         panels = figure.subplots(len(rows), len(columns), sharex=True, sharey=True, squeeze=False)
         for i, row in enumerate(rows):
             most = _ROOM * float(np.nanmax(np.abs(columns[0][1][i])))
             scale = color_range([np.clip(fields[i], -most, most) for _, fields in columns if i < len(fields)])
-            for j, (title, fields) in enumerate(columns):
+            for j, (_, fields) in enumerate(columns):
                 panel = panels[i, j]
                 if i < len(fields):
                     image = image_of(panel, fields[i], axes, scale, Overlay(cracks))
                 else:
                     panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
                 panel.set(
-                    title=title if i == 0 else "",
+                    title=heads[j] if i == 0 else "",
                     xlabel="x" if i + 1 == len(rows) else "",
                     ylabel=f"{row}\ny" if j == 0 else "",
                 )
