@@ -1,9 +1,10 @@
 """Hermann, Shojaei, Seleson, Cyron and Silling (2023): Dirichlet-type absorbing conditions for peridynamic scalar
 waves.
 
-Each example is run with the published condition in several readings, because the paper does not state some of its
-options (the radius of the clouds in example 1, the thinning elsewhere). It is also run with repaired versions of this
-condition, with Higdon's and the first-order condition, and with a lattice PML. The paper prints pictures but no errors;
+Each example is run with the published condition in several readings, because the paper leaves some of its options open:
+the radius of the clouds and their half-angle in example 1, the thinning, and the cut-off of the pseudo-inverse. The
+readings that show what the figures show come first. It is also run with our fit of the same kind of condition, with
+Higdon's and the first-order condition, and with a lattice PML. The paper prints pictures but no errors;
 the errors here are the largest differences over the near field from the infinite lattice with the same time step.
 
 The paper is read with these corrections: "2 d w" in eqs 13 to 27 is "2 i d w"; the frequency of eq 35 has the sign of
@@ -28,16 +29,7 @@ from farhorizon.geometry.shapes import Disc
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Wave
-from farhorizon.papers.measure import (
-    Measured,
-    Reference,
-    differences_picture,
-    errors_picture,
-    infinite,
-    measured_run,
-    stability,
-    stability_note,
-)
+from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, measured_run
 from farhorizon.papers.reproductions import reproduction
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
@@ -51,8 +43,7 @@ RADIUS, DAMPING = 26.0, 0.0125
 TIMES = (20.0, 30.0, 40.0, 50.0)  # at which fields are shown
 COURSE = tuple(np.arange(2.0, 50.1, 2.0).tolist())  # at which errors are measured
 PROBE = (20.0, 10.0)
-_SMALL = 8.0  # radius of the small near fields used to determine stability
-_CROSSINGS = 20
+_SECONDS = 10.0  # time limit of a certificate
 INFINITE = "infinite medium"
 LAST = 2500.0  # end of the right part of figure 10: 5e6 steps of 5e-4
 _SHORTEST = 3.4  # wavenumber above which the spectrum of the wide pulse is below 1e-16
@@ -77,6 +68,28 @@ def published(radius: float, **options: Any) -> PlaneWave:
             **options,
         }
     )
+
+
+_HALF_SPACE = "published, 2 spacings, half-space"
+#: Readings of example 1 that agree with figures 8 and 9: the radius of a cloud, which the paper does not state, and
+#: the half-angle of its cone.
+ELEMENTS: dict[str, Side] = {
+    _HALF_SPACE: published(1.0, cone=90.0),
+    "published, 4 spacings thinned by 2, half-space": published(2.0, cone=90.0, thin=2),
+    "published, 5 spacings thinned by 2, cone of 45 degrees": published(2.5, thin=2),
+}
+OPEN_ELEMENTS = [
+    "The paper leaves open how far the clouds of example 1 reach and how they are thinned (figure 7), and states a "
+    "cone of 45 degrees:",
+    "  half-space clouds of 2 spacings show figures 8 to 10, and are certified;",
+    "  clouds of 4 or 5 spacings thinned by 2 have a quarter and a half of their error at t = 50, and grow later;",
+    "  whole cones of 45 degrees of 1 to 3 spacings have 3 to 9 times their error at t = 50.",
+]
+
+
+def sharp(radius: float, spacing: float = 0.25, **options: Any) -> PlaneWave:
+    """Our fit with modes up to 60 degrees and hardly any regularisation."""
+    return PlaneWave(radius=radius, angle=60.0, wavenumber=0.5 / spacing, regularization=4e-5, **options)
 
 
 def wide_pulse(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -116,32 +129,35 @@ def disc(radius: float, reach: int, dt: float) -> dict[str, Any]:
 
 def _outcome(
     setup: Mapping[str, Any],
-    small: Mapping[str, Any],
     conditions: Mapping[str, Side],
     course: Sequence[float],
     times: Sequence[float],
+    seconds: float = _SECONDS,
 ) -> tuple[Outcome, dict[str, Measured], list[np.ndarray]]:
-    """Rows of an example in a homogeneous medium (errors at `times`, stability of the set-up `small`), the runs, and
-    the exact fields at `times`.
+    """Rows of an example in a homogeneous medium (errors at `times`, and the certificate), the runs, and the exact
+    fields at `times`; conditions come in the order in which they are given.
     """
     exact = infinite(setup, course[-1])
     fields = [exact(round(t / setup["dt"])) for t in times]
-    rows = [
+    largest = [
         Row(f"infinite medium, largest |u| at t = {t:g}", float(np.nanmax(np.abs(f))))
         for t, f in zip(times, fields, strict=True)
     ]
-    crossing = 2 * float(small["lattice"].upper[0]) / small["model"].speed
-    runs = {}
+    runs, rows = {}, []
     for label, boundary in conditions.items():
-        runs[label] = measured_run(setup, boundary, course, exact, times)
-        how = stability_note(small, boundary, _CROSSINGS * crossing)
+        runs[label] = measured_run(setup, boundary, course, exact, times, seconds=seconds)
+        how = runs[label].stability
         errors = [float(runs[label].errors[list(course).index(t)]) for t in times]
         rows += [
             Row(f"{label}, t = {t:g}", e, note=how if t == times[0] else "" if np.isfinite(e) else "overflow")
             for t, e in zip(times, errors, strict=True)
         ]
     peak = float(np.abs(setup["initial"]["u"](*setup["lattice"].coordinates())).max())
-    return Outcome(rows, {label: float(found.errors.max()) / peak for label, found in runs.items()}), runs, fields
+    return (
+        Outcome(rows + largest, {label: float(found.errors.max()) / peak for label, found in runs.items()}),
+        runs,
+        fields,
+    )
 
 
 def _pictures(
@@ -169,6 +185,7 @@ def _pictures(
     "hermann2023-ex1",
     PAPER,
     "finite elements on a square, classical waves: fields, differences, errors (figures 8, 9)",
+    "a minute",
     full="minutes",
 )
 def example_1(folder: Path, full: bool = False) -> Outcome:
@@ -176,11 +193,12 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     dt = 5e-4 if full else 0.01
     setup = square(RADIUS, dt)
     conditions: dict[str, Side] = {
+        **ELEMENTS,
         "published, 1 spacing": published(0.5),
         "published, 2 spacings": published(1.0),
         "published, 3 spacings": published(1.5),
-        "repaired, 3 spacings": PlaneWave(),
-        "repaired, 1 spacing": PlaneWave(radius=0.5),
+        "repaired": PlaneWave(),
+        "repaired, hardly regularised": sharp(1.5, 0.5),
         "Higdon (0, 45)": Higdon((0, 45), 0.03),
         "Higdon (0, 30, 60)": Higdon((0, 30, 60), 0.03),
         "first order, A13": FirstOrder(),
@@ -188,19 +206,12 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     }
     nodes = int((2 * RADIUS / 0.5 + 1) ** 2)
     counts = [Row("nodes of the square", nodes, 11025), Row("elements", int((2 * RADIUS / 0.5) ** 2), 10816)]
-    outcome, runs, exact = _outcome(setup, square(_SMALL, 0.05), conditions, COURSE, TIMES)
+    outcome, runs, exact = _outcome(setup, conditions, COURSE, TIMES, 3 * _SECONDS)
     paths = [folder / f"hermann2023-{name}.png" for name in ("fig8", "fig9", "ex1-errors")]
-    shown = ("published, 2 spacings", "first order, A13", "lattice PML")
-    apart = (
-        "published, 1 spacing",
-        "published, 2 spacings",
-        "published, 3 spacings",
-        "repaired, 3 spacings",
-        "first order, A13",
-        "lattice PML",
-    )
+    shown = (_HALF_SPACE, "first order, A13", "lattice PML")
+    apart = (*ELEMENTS, "first order, A13", "repaired", "lattice PML")
     _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
-    return Outcome(counts + outcome.rows, outcome.infinite_error, paths)
+    return Outcome(outcome.rows + counts, outcome.infinite_error, paths, OPEN_ELEMENTS)
 
 
 def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
@@ -265,6 +276,7 @@ class Continuum:
 
 #: Conditions of figure 10: the paper's proposed (with three sizes of clouds) and conventional ones, and a lattice PML.
 LONG: dict[str, Side] = {
+    **ELEMENTS,
     "published, 1 spacing": published(0.5),
     "published, 2 spacings": published(1.0),
     "published, 3 spacings": published(1.5),
@@ -338,7 +350,7 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
                 note=f"largest value {np.abs(history).max():.2g}",
             )
         )
-    shown = [c for c in curves if c[0] not in ("published, 1 spacing", "published, 3 spacings")]
+    shown = [c for c in curves if c[0] in (INFINITE, *ELEMENTS, "first order, A13", "lattice PML")]
     differences = [(name, t, values - history) for name, t, values in shown[1:]]
     curve_panels(
         [("$u$", shown), ("less that of the infinite medium", differences)],
@@ -369,20 +381,56 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     return Outcome(rows, pictures=paths)
 
 
-def disc_conditions(reach: int) -> dict[str, Side]:
-    """Conditions that are run on discs: readings of the published condition, its repaired version, and others."""
+def cut_off(rcond: float, dt: float) -> float:
+    """Cut-off of the pseudo-inverse that keeps about the same at another step than 0.05: two steps of a wave differ by
+    an amount proportional to the step, and so do the small singular values.
+    """
+    return rcond * dt / 0.05
+
+
+def disc_readings(reach: int, dt: float) -> dict[str, Side]:
+    """Readings of the published condition on a disc; those that agree with the figures come first."""
     horizon = 0.25 * reach
-    thin: dict[str, Any] = {"thin": 2, "cone": 45.0 if reach == 6 else _OPEN}
-    readings: dict[str, Side] = {
-        "published A, whole cone": published(horizon),
-        "published A, thinned by 2": published(horizon, **thin),
-        "published B, thinned by 2": published(horizon, dispersion="local", **thin),
-        "published A, lattice normals": published(horizon, thin=-(-reach // 3), normals="lattice"),
-    }
     if reach == 6:
-        readings["published A, thinned by 3"] = published(horizon, thin=3)
-    return readings | {
+        return {
+            **{
+                f"published {model}, rcond {rcond}": published(
+                    horizon, rcond=cut_off(float(rcond), dt), dispersion="discrete" if model == "A" else "local"
+                )
+                for model, rcond in (("A", "1e-7"), ("A", "1e-5"), ("A", "1e-8"), ("B", "1e-8"))
+            },
+            "published A, thinned by 2": published(horizon, thin=2),
+            "published B, thinned by 2": published(horizon, thin=2, dispersion="local"),
+            "published A, thinned by 3": published(horizon, thin=3),
+            "published A, lattice normals": published(horizon, thin=2, normals="lattice"),
+            "published A, whole cone": published(horizon),
+        }
+    return {
+        "published A, lattice normals": published(horizon, normals="lattice"),
+        "published A, half-space, rcond 1e-5": published(0.5, cone=90.0, rcond=cut_off(1e-5, dt)),
+        "published A, rcond 1e-4": published(horizon, rcond=cut_off(1e-4, dt)),
+        "published B, rcond 1e-4": published(horizon, rcond=cut_off(1e-4, dt), dispersion="local"),
+        "published A, thinned by 2": published(horizon, thin=2, cone=_OPEN),
+        "published A, whole cone": published(horizon),
+    }
+
+
+OPEN_DISC = [
+    "The paper leaves open the cut-off of the pseudo-inverse (rcond; here at a step of 0.05, and proportional to it) "
+    "and how far clouds are thinned:",
+    "  horizon 6 spacings, whole cone: rcond 1e-7 and 1e-8 show figures 11 and 12, with A better than B, and grow from "
+    "t = 100 on; 1e-5 is less accurate and grows least; 1e-12, which remark 1 implies, overflows;",
+    "  thinned by 2 or 3 the condition numbers are far below those of remark 1; by 2 the error at t = 50 is 0.1, by 3 "
+    "it is 2e-3;",
+    "  horizon 3 spacings: normals along the lattice, or half-space clouds of 2 spacings; whole cones overflow.",
+]
+
+
+def disc_conditions(reach: int, dt: float) -> dict[str, Side]:
+    """Conditions that are run on discs: readings of the published condition, our fit, and others."""
+    return disc_readings(reach, dt) | {
         "repaired": PlaneWave(),
+        "repaired, hardly regularised": sharp(0.25 * reach, thin=-(-reach // 3)),
         "Higdon (0, 0)": Higdon((0, 0), 0.02),
         "Higdon (0, 45)": Higdon((0, 45), 0.02),
         "lattice PML": LatticePML(nodes=12 if reach < 4 else 3 * reach),
@@ -412,26 +460,37 @@ def _disc_counts(reach: int) -> list[Row]:
 def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the time step is 500 times that of the paper, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
-    whole = Outcome(_disc_counts(6))
+    whole = Outcome([], remarks=OPEN_DISC)
     for reach, names in (
         (6, ("fig11", "fig12", "ex2-errors")),
         (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors")),
     ):
         setup = {**disc(RADIUS, reach, dt), "initial": {"u": narrow_pulse}}
-        found, runs, exact = _outcome(setup, disc(_SMALL, reach, 0.05), disc_conditions(reach), COURSE, TIMES)
+        found, runs, exact = _outcome(setup, disc_conditions(reach, dt), COURSE, TIMES)
         paths = [folder / f"hermann2023-{name}.png" for name in names]
-        shown = ("published A, thinned by 2", "published B, thinned by 2", "lattice PML")
-        apart = (*shown[:2], "published A, lattice normals", "repaired", "Higdon (0, 45)", "lattice PML")
+        rcond = "1e-8" if reach == 6 else "1e-4"
+        shown = (f"published A, rcond {rcond}", f"published B, rcond {rcond}", "lattice PML")
+        apart = (*shown[:2], next(iter(runs)), "repaired", "Higdon (0, 45)", "lattice PML")
         _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
         mark = f"horizon {reach} spacings: "
         whole.rows.extend(Row(mark + row.what, row.ours, row.printed, note=row.note) for row in found.rows)
         whole.infinite_error.update({mark + label: value for label, value in found.infinite_error.items()})
         whole.pictures.extend(paths)
+    whole.rows.extend(_disc_counts(6))
     return whole
 
 
 NOTCHES = [[(-7.0, -7.0), (7.0, -7.0)], [(0.0, 10.0), (7.0, 10.0)]]
 _ASIDE = 1e-3 * 0.25  # the notches run through nodes and are moved off them by this distance
+
+
+SHOWN_NOTCHES = ("published A, lattice normals", "published A, half-space, rcond 1e-5", "lattice PML")
+OPEN_NOTCHES = [
+    "The paper leaves open the clouds of this example. With normals along the lattice, and with half-space clouds of 2 "
+    "spacings and rcond 1e-5, the fields are those of figure 13, and the history at (20, 10) departs late from the "
+    "reference for radius 26 and hardly for 42, as in figure 14. Thinned by 2, as in figure 7, the error is ten times "
+    "as large."
+]
 
 
 def notched(radius: float, dt: float) -> dict[str, Any]:
@@ -462,6 +521,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     "hermann2023-ex3",
     PAPER,
     "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)",
+    "a minute",
     full="minutes",
 )
 def example_3(folder: Path, full: bool = False) -> Outcome:
@@ -472,13 +532,13 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     course = tuple(np.arange(0.5, 70.1, 0.5).tolist())
     kept = (*TIMES, 70.0)
     conditions: dict[str, Side] = {
-        "published A, thinned by 2": published(0.75, thin=2, cone=_OPEN),
-        "published A, lattice normals": published(0.75, normals="lattice"),
+        **{label: b for label, b in disc_readings(3, dt).items() if " B," not in label and "whole" not in label},
         "repaired": PlaneWave(),
+        "repaired, hardly regularised": sharp(0.75),
         "Higdon (0, 45)": Higdon((0, 45), 0.02),
         "lattice PML": LatticePML(nodes=12),
     }
-    whole, panels = Outcome([]), []
+    whole, panels = Outcome([], remarks=OPEN_NOTCHES), []
     for radius, names in (
         (RADIUS, ("fig13", "ex3-differences", "ex3-errors")),
         (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors")),
@@ -489,7 +549,8 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         at_probe = np.array([exact(round(t / dt))[probe] for t in course])
         curves = [("large domain", np.array(course), at_probe)]
         runs = {
-            label: measured_run(setup, boundary, course, exact, kept, probe) for label, boundary in conditions.items()
+            label: measured_run(setup, boundary, course, exact, kept, probe, _SECONDS * (radius == RADIUS))
+            for label, boundary in conditions.items()
         }
         for label, found in runs.items():
             curves.append((label, np.array(course), found.history))
@@ -498,22 +559,16 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
                 Row(
                     f"radius {radius:g}, {label}, t = {t:g}",
                     float(found.errors[course.index(t)]),
-                    note=f"at (20, 10) at most {apart:.2g}" * (t == 30),
+                    note=f"at (20, 10) at most {apart:.2g}" if t == 30 else found.stability * (t == 40),
                 )
                 for t in (30.0, 40.0, 50.0, 70.0)
             )
             whole.infinite_error[f"radius {radius:g}, {label}"] = float(found.errors.max())
-        panels.append(
-            (f"radius {radius:g}", [c for c in curves if not c[0].startswith(("published A, thin", "Higdon"))])
-        )
+        panels.append((f"radius {radius:g}", [c for c in curves if c[0] in ("large domain", *SHOWN_NOTCHES)]))
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         fields = [exact(round(t / dt)) for t in kept]
-        shown = ("published A, thinned by 2", "published A, lattice normals", "lattice PML")
-        _pictures(paths, setup, course, ("large domain", fields), runs, shown, list(runs))
+        _pictures(paths, setup, course, ("large domain", fields), runs, SHOWN_NOTCHES, list(runs))
         whole.pictures.extend(paths)
-    for label, boundary in conditions.items():
-        less_one, how = stability(disc(_SMALL, 3, 0.05), boundary, _CROSSINGS * 2 * _SMALL)
-        whole.rows.append(Row(f"{label}, spectral radius less 1, disc of {_SMALL:g}", less_one, note=how))
     whole.pictures.append(folder / "hermann2023-fig14.png")
     curve_panels(panels, whole.pictures[-1], xlabel="$t$", ylabel="$u$ at (20, 10)")
     return whole
@@ -538,10 +593,11 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     lattice = Lattice(spacing, (-10.0,), (10.0,))
     model = Wave(kernel, float(np.sqrt(10)), 5e-4)
     setup = {"lattice": lattice, "model": model, "initial": {"u": lambda x: np.exp(-20 * np.log(2) * x**2)}, "dt": dt}
-    small = {**setup, "lattice": Lattice(spacing, (-1.0,), (1.0,))}
     line: dict[str, Any] = {"wavenumber": 1.0, "wavenumbers": 10}
     conditions: dict[str, Side] = {
-        "published, centre and 25 nodes": published(0.25, **line),
+        "published, centre and 25 nodes": published(0.25, rcond=1e-15, **line),
+        "published, centre and 25 nodes, rcond 1e-12": published(0.25, **line),
+        "published, centre and 25 nodes, rcond 1e-10": published(0.25, rcond=1e-10, **line),
         "published, centre and 1 node": published(0.01, **line),
         "published, centre and 3 nodes": published(0.03, **line),
         "published, wavenumbers to 10": published(0.25, wavenumber=10.0, wavenumbers=10),
@@ -551,7 +607,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
         "lattice PML": LatticePML(nodes=100),
     }
     counts = [Row("nodes between the absorbing ones", lattice.nodes, 2001), Row("absorbing nodes at each end", 25, 25)]
-    outcome, runs, exact = _outcome(setup, small, conditions, course, times)
+    outcome, runs, exact = _outcome(setup, conditions, course, times)
     for step in (1e-3, dt) if full else (1e-3,):
         label, at_step = f"exact ends, dt = {step:g}", {**setup, "dt": step}
         runs[label] = measured_run(at_step, Exact(compress=None), course, infinite(at_step, course[-1]), times)
@@ -572,7 +628,14 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     ]
     curve_panels(panels, paths[0], xlabel="$x$", ylabel="$u$")
     errors_picture(paths[1], course, runs)
-    return Outcome(counts + outcome.rows, outcome.infinite_error, paths)
+    return Outcome(outcome.rows + counts, outcome.infinite_error, paths, OPEN_LINE)
+
+
+OPEN_LINE = [
+    "The matrix of 26 nodes has no finite condition number: the pseudo-inverse decides. Cut off at rounding (1e-15) it "
+    "shows figure B1 and grows by 8 % in 150 000 steps; at 1e-12, as remark 1 implies, the error is twice as large at "
+    "t = 15; at 1e-10 it no longer grows. Wavenumbers to 10 overflow."
+]
 
 
 @reproduction("hermann2023-fig6", PAPER, "dispersion: numerical, Taylor and local")

@@ -12,7 +12,7 @@ import numpy as np
 
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.boundaries import Side
-from farhorizon.checks.certificate import UNDECIDED
+from farhorizon.checks.certificate import NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.errors import UnstableError
 from farhorizon.simulation.simulation import Simulation
 
@@ -35,11 +35,14 @@ class Measured:
         Field in the near field at those times at which it is kept.
     history : ndarray, shape (times,)
         Values at one node; nan if no node was given, and from the overflow on.
+    stability : str
+        What the certificate of this set-up says, in a few words; empty if it was not asked.
     """
 
     errors: np.ndarray
     fields: list[np.ndarray] = field(default_factory=list)
     history: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    stability: str = ""
 
 
 def infinite(setup: Mapping[str, Any], until: float) -> Reference:
@@ -59,6 +62,7 @@ def measured_run(
     reference: Reference,
     kept: Sequence[float] | None = None,
     probe: tuple[int, ...] | None = None,
+    seconds: float = 0.0,
 ) -> Measured:
     """Run a set-up with a boundary and compare it with the infinite medium.
 
@@ -71,13 +75,17 @@ def measured_run(
         Times at which they are compared.
     reference : callable
         Field of the infinite medium after a number of steps.
-            kept : sequence of float, optional
+    kept : sequence of float, optional
         Times, a subset of `times`, at which the field is kept; all if not given.
     probe : tuple of int, optional
         Node whose history is recorded.
+    seconds : float
+        Time limit of the certificate; none if 0.
     """
     sim = Simulation(**{**setup, "boundary": boundary})
     found = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
+    if seconds:
+        found.stability = _in_words(sim.certificate(seconds))
     for number, t in enumerate(times):
         steps = round(t / sim.dt)
         try:
@@ -91,6 +99,15 @@ def measured_run(
             found.history[number] = u[probe]
         found.errors[number] = np.nanmax(np.abs(u - reference(steps)))
     return found
+
+
+def _in_words(certificate: Certificate) -> str:
+    """The verdict with the rate of the fastest-growing mode, if there is one."""
+    if not np.isfinite(certificate.rate) or certificate.verdict == UNDECIDED:
+        return certificate.verdict
+    if certificate.verdict == NOT_CERTIFIED:
+        return f"not certified: grows by {certificate.rate:.2g} per unit time"
+    return f"{certificate.verdict}: decays by {-certificate.rate:.2g} per unit time"
 
 
 def growth_from_noise(setup: Mapping[str, Any], boundary: Side, until: float) -> float:

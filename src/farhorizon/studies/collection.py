@@ -11,6 +11,7 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -63,11 +64,14 @@ class Outcome:
         For each boundary, the largest difference from the infinite medium at the same time step, relative to the
         initial maximum.
     pictures : list of Path
+    remarks : list of str
+        What the publication leaves open and what each choice does, one sentence each.
     """
 
     rows: list[Row]
     infinite_error: dict[str, float] = field(default_factory=dict)
     pictures: list[Path] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
 
 class RowFacts(TypedDict):
@@ -99,6 +103,8 @@ class OutcomeFacts(TypedDict):
     maximum."""
     pictures: list[str]
     """Names of files in the folder of the pictures."""
+    remarks: NotRequired[list[str]]
+    """What the publication leaves open, and what each choice does."""
 
 
 class EntryFacts(TypedDict):
@@ -159,13 +165,14 @@ class Entry:
         """Return an outcome as plain data."""
         rows = [_row_facts(row) for row in outcome.rows]
         pictures = [path.name for path in outcome.pictures]
-        return {
+        found: OutcomeFacts = {
             "name": self.name,
             "paper": self.paper,
             "rows": rows,
             "infinite_error": outcome.infinite_error,
             "pictures": pictures,
         }
+        return {**found, "remarks": outcome.remarks} if outcome.remarks else found
 
 
 def _row_facts(row: Row) -> RowFacts:
@@ -252,4 +259,4 @@ def outcome_table(outcome: Outcome, known: str) -> str:
         lines.append(f"{row.what:{width}}  {_number(row.ours):>10}  {printed:>10}  {deviation:>9}  {note}".rstrip())
     for name, value in outcome.infinite_error.items():
         lines.append(f"error against the infinite medium at the same time step, {name}: {value:.1e}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *outcome.remarks])
