@@ -8,6 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis import modes
 from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.boundaries import plane_wave
 from farhorizon.boundaries.plane_wave import Medium, update_matrix
 
 SPACING, DT, DAMPING, RADIUS = 0.25, 0.05, 0.0125, 26.0  # examples 2 and 3 of Hermann et al. (2023), with a larger step
@@ -108,6 +109,25 @@ def test_default_on_finite_elements():
     for boundary in (fh.PlaneWave(), fh.FirstOrder()):
         found[type(boundary)] = errors(fh.Simulation(lattice, model, boundary, start, dt=0.1), (30, 40, 50))
     assert (found[fh.PlaneWave] < 0.5 * found[fh.FirstOrder]).all()
+
+
+def test_images_of_a_cloud_share_a_fit(monkeypatch):
+    """The same weights as with a fit for each cloud, on a disc with free normals, and an eighth of the fits."""
+    model, fits = fh.Wave(fh.Kernel(3.0, 2)), []
+    fitted = plane_wave._fitted
+    monkeypatch.setattr(plane_wave, "_fitted", lambda *given: fits.append(1) or fitted(*given))
+
+    def update():
+        fits.clear()
+        lattice = fh.Lattice(1.0, window=fh.Disc(9.2))
+        found = fh.Simulation(lattice, model, fh.PlaneWave(normals="free")).closure.update
+        return found.toarray(), len(fits)
+
+    shared, few = update()
+    monkeypatch.setattr(plane_wave, "_turned", lambda normal, steps: (normal, steps))
+    single, many = update()
+    np.testing.assert_allclose(shared, single, atol=1e-9)
+    assert few < many / 4
 
 
 def test_check_reports_remark_1():

@@ -29,6 +29,13 @@ def test_counted_numbers_keep_their_digits():
     assert text.splitlines()[2].split() == ["few", "7"] and text.splitlines()[3].split() == ["e", "33949"]
 
 
+def test_remarks_follow_the_table():
+    outcome = Outcome([Row("a", 1.0)], remarks=["The paper leaves a open."])
+    assert outcome_table(outcome, "printed").splitlines()[-1] == "The paper leaves a open."
+    entry = REPRODUCTIONS.find("ji2021-fig3")
+    assert entry.as_json(outcome)["remarks"] == outcome.remarks and "remarks" not in entry.as_json(Outcome([]))
+
+
 def test_one_paper_has_one_name():
     """Entries of one author list and year cite one title; no two papers here share both."""
     titles = {}
