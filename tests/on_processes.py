@@ -123,6 +123,17 @@ def torn(shape=(79, 81), **model):
 
 
 WARM = plane(fh.Heat(KERNEL), sources=["exp(-((x - 0.1*t)**2 + y**2)*4)"], cracks=[[(-1.0, 0.1), (1.3, 0.7)]])
+
+
+def torn_and_heated(**model):
+    """Return a set-up with bonds that break between a hot spot and the rest of its heat, which has longer bonds."""
+    heat = fh.Heat(fh.Kernel(0.9), conductivity=0.05)
+    hot = plane(heat, fh.Free(), initial={"u": "exp(-4*((x - 1)**2 + (y - 1)**2))"}, shape=(51, 47))
+    load = fh.ThermalLoad(hot, expansion=0.002, reference=0.0, contact_conductance=0.01)
+    setup = torn(**model)
+    return replace(setup, loads=[*setup.loads, load])
+
+
 BAND = [[(-5.0, y), (5.0, y)] for y in (-5.9, -5.0, -4.1)]
 CASES |= {
     "a band of cracks": (plane(cracks=BAND), [[1, WORLD.size]]),
@@ -181,6 +192,10 @@ CASES |= {
     ),
     "heated by a run": (  # with fewer nodes and different boxes
         plane(SOLID, initial={}, loads=[fh.ThermalLoad(WARM, expansion=0.01, reference=0.0)], shape=(79, 81)),
+        ALONG_X + ALONG_Y,
+    ),
+    "breaking, heated by a run": (  # along whose broken bonds no heat flows, except where they touch
+        torn_and_heated(critical_stretch=0.005),
         ALONG_X + ALONG_Y,
     ),
     "a window": (
@@ -646,6 +661,7 @@ KEPT = (
 )
 KEPT_SLOWLY = (
     *("single precision", "diffusion", "strata", "pumped and heated", "heated by a run", "state-based in space"),
+    "breaking, heated by a run",
     *("states that close", "states that break by energy", "elastic, by target", "elastic in space, by target"),
 )
 SMALL_SOLID = fh.Setup(

@@ -252,6 +252,7 @@ RIGHT = {
         "every": None,
         "coupled": False,
         "joint": ["x-"],
+        "contact_conductance": 0.0,
     },
     "Thermoelastic": {
         "elastic": fh.Elastic(KERNEL, 1.0),
@@ -259,6 +260,7 @@ RIGHT = {
         "expansion": 1e-5,
         "reference": 300.0,
         "coupled": True,
+        "contact_conductance": 0.0,
     },
     "Pressure": {"on": [(0.0, 0.0), (1.0, 0.0)], "value": 1.0, "time": None},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},

@@ -47,7 +47,7 @@ KEYS = {
     "ThermalPart.every": "s",
     "ThermoelasticPart.reference": "K",
     "T": "K",
-    "transfer": "W/(m^2*K)",
+    **dict.fromkeys(("transfer", "contact_conductance"), "W/(m^2*K)"),
     "stiffness": "m^4/s^2",
 }
 #: SI unit of u by the type of the model; for other types it may be any unit.

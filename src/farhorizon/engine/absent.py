@@ -16,7 +16,7 @@ from farhorizon.engine.field import Field
 from farhorizon.engine.filter import cut_filter, cut_links, without
 from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.surface import bare_bonds, surface_of
-from farhorizon.engine.tables import Cuts
+from farhorizon.engine.tables import Cuts, Material
 
 
 class AbsentBonds:
@@ -41,6 +41,7 @@ class AbsentBonds:
     def __init__(self, engine: Field, bonds: BondZone) -> None:
         self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.bonds = bonds
+        self._opened: tuple[np.ndarray, Material, np.ndarray, np.ndarray] | None = None
         none = np.zeros(0, np.int64)
         self.set(none, none, np.zeros((0, *engine.weights.shape[1:])))
 
@@ -129,7 +130,11 @@ class AbsentBonds:
         """Set the tables of the nodes with bonds to places without a node (see `engine.surface`), and `outside`; return
         the nodes with bonds of which only one end exists, and which bonds these are.
         """
-        engine, exists, box = self.engine, self.exists, self.engine.layout.box
+        engine, exists, box, material = self.engine, self.exists, self.engine.layout.box, self.engine.tables.material
+        known = self._opened
+        if known is not None and known[1] is material and np.array_equal(known[0], exists) and not self.bonds:
+            self.count += int(known[3].sum())
+            return known[2:]
         at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
         bare = np.zeros((len(engine.offsets), 0), bool)
         if not exists.all():
@@ -148,6 +153,7 @@ class AbsentBonds:
             kept[:] = False
         weights = self._weights_of(flat[kept], bare[:, kept]).astype(engine.dtype)
         engine.replace(surface=surface_of(box, flat[kept], weights))
+        self._opened = exists, material, flat, bare
         return flat, bare
 
     def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:

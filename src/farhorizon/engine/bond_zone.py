@@ -53,11 +53,20 @@ class BondZone:
         self._unbroken: np.ndarray | None = None
 
     def expect_cuts(self) -> None:
-        """Start to keep the bits of all bonds that are not cut: more bonds are going to be cut, some of which may have
-        broken before.
+        """Start to keep the bits of all bonds that are not cut, to tell those that break from those that are cut
+        later.
         """
-        if self._unbroken is None and not self.table.forces:
+        if self._unbroken is None:
             self._unbroken = self.table.alive.copy()
+
+    @property
+    def broken_bits(self) -> np.ndarray:
+        """Bits of the bonds of the nodes of the core that have broken since `expect_cuts` and are not cut, shape
+        (words, *core).
+        """
+        assert self._unbroken is not None
+        nodes = self.engine.core.node_indices()
+        return self._unbroken[:, nodes] & ~self.table.alive[:, nodes]
 
     @property
     def table(self) -> Bonds:
@@ -196,7 +205,7 @@ class BondZone:
         for bits in (self.table.alive, self._unbroken):
             if bits is not None:
                 np.bitwise_and.at(bits, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
-        if self._unbroken is not None:
+        if self._unbroken is not None and not self.table.forces:
             self._find_changed(self._unbroken)
         self.find_kinds()
         self._look_at_closing()

@@ -163,6 +163,14 @@ def all_bits(count: int) -> np.ndarray:
     return np.array([(1 << min(64, count - first)) - 1 for first in range(0, count, 64)], np.uint64)
 
 
+def set_bits(bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the columns and the bonds whose bits are set in words, shape (words, n)."""
+    columns, numbers = np.flatnonzero(bits.any(0)), np.arange(64, dtype=np.uint64)
+    found = bits[:, columns].T[..., None] >> numbers & np.uint64(1)
+    which, bonds = np.nonzero(found.reshape(len(columns), 64 * len(bits)))
+    return columns[which], bonds
+
+
 @dataclass(frozen=True)
 class Zone:
     """Box of nodes in which bonds follow the law and may break.

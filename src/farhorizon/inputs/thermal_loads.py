@@ -46,6 +46,10 @@ class ThermalLoad(Storable):
         deformation heats and cools the solid:
         :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`, with the stress at the temperature
         `reference`, which is absolute, and c at constant strain. `Thermoelastic` is the model of both fields.
+    contact_conductance : float
+        Power per area and temperature difference that crosses a crack of broken bonds where its faces touch, for a
+        temperature that is a run: a broken bond that is not longer than free of stress keeps the fraction of its
+        conductance with which all bonds across a plane would conduct as much.
     joint : sequence of str
         Names of the sides that are common to both fields, whose layers they share if possible; set by `Thermoelastic`.
 
@@ -80,6 +84,7 @@ class ThermalLoad(Storable):
     every: float | None = None
     coupled: bool = False
     joint: Sequence[str] = ()
+    contact_conductance: float = 0.0
 
     def __post_init__(self) -> None:
         given = {"expansion": self.expansion, "reference": self.reference}
@@ -105,6 +110,7 @@ class ThermalLoad(Storable):
             reference=kinds.number(self.reference, "load.reference"),
             every=None if self.every is None else kinds.number(self.every, "load.every", above=0),
             coupled=kinds.flag(self.coupled, "load.coupled"),
+            contact_conductance=kinds.number(self.contact_conductance, "load.contact_conductance", least=0),
             joint=tuple(
                 kinds.one_of(name, "load.joint", _SIDES, "unknown side")
                 for name in kinds.sequence(self.joint, "load.joint", "names of sides")

@@ -23,7 +23,8 @@ class Thermoelastic(LatticeModel):
     the heat conduction. `boundary`, `sources` and `coefficient` may be given by field, ``{"u": ..., "T": ...}``;
     otherwise sides apply to both fields, and sources are forces on the solid. `initial` has "u", "v" and "T", which is
     `reference` unless given. Of the constraints, `Prescribed` applies to the displacements, all others to the
-    temperature. Cracks exist in both fields: no heat crosses them, except for the factor of a `Crack`.
+    temperature. Cracks exist in both fields: no heat crosses them, except for the factor of a `Crack`, nor bonds of the
+    solid that have broken (Bobaru and Duangpanya 2010, eqs 13 to 15).
 
     Parameters
     ----------
@@ -39,6 +40,9 @@ class Thermoelastic(LatticeModel):
     coupled : bool
         Whether deformation heats and cools the solid. If not, the temperature is computed independently of the
         deformation.
+    contact_conductance : float
+        Power per area and temperature difference that crosses a crack of broken bonds where its faces touch; open
+        cracks insulate. See `ThermalLoad`.
 
     Raises
     ------
@@ -79,6 +83,7 @@ class Thermoelastic(LatticeModel):
         expansion: Constant | None = None,
         reference: float | None = None,
         coupled: bool = True,
+        contact_conductance: float = 0.0,
     ) -> None:
         self.elastic = kinds.instance(elastic, "model.elastic", Elastic, "an Elastic solid", remedy="Elastic(...)")
         self.heat = self.of_temperature = kinds.instance(
@@ -97,6 +102,7 @@ class Thermoelastic(LatticeModel):
                 )
         self.expansion = material_constant(expansion, "model.expansion", positive=False)
         self.coupled = kinds.flag(coupled, "model.coupled")
+        self.contact_conductance = kinds.number(contact_conductance, "model.contact_conductance", least=0)
         above = 0.0 if self.coupled else None
         remedy = "heat of deformation depends on the absolute temperature; or coupled=False"
         self.reference = kinds.number(reference, "model.reference", above=above, beyond=remedy)

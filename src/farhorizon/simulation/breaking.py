@@ -108,6 +108,11 @@ class Breaking:
         return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), onward)
 
     @property
+    def may_break(self) -> bool:
+        """Whether bonds can break at all."""
+        return bool(np.isfinite(self.critical_stretch))
+
+    @property
     def extent(self) -> np.ndarray:
         """Nodes of the zone along the three axes."""
         return np.subtract(self.zone.end, self.zone.first)

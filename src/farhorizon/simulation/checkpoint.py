@@ -53,6 +53,9 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         found |= {"fringe": list(engine.fringe_history.shape), "update": parts.closure.mark()}
     if law is not None:
         found["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
+    heat = setup.heat
+    if parts.breaking is not None and parts.breaking.may_break and heat is not None and heat.of_run(heat.temperature):
+        found["insulated"] = heat.contact_conductance  # broken bonds conducted in earlier versions
     if law is not None and law.contact:
         found["contact"] = True
     if law is not None and law.softening is not None:

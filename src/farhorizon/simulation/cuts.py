@@ -18,7 +18,7 @@ from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Surroundings
 
 # nodes, the neighbours at the other ends of their bonds, and the weights that these bonds lose
-_Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
+Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +43,10 @@ class CutBonds:
     closure: Closure | None
     free_rim: bool
     notes: list[str]
-    _known: dict[int, tuple[Crack, list[_Bonds]]] = field(default_factory=dict, init=False)
+    _known: dict[int, tuple[Crack, list[Bonds]]] = field(default_factory=dict, init=False)
 
-    def cut(self, cracks: Sequence[Crack]) -> None:
-        """Remove the bonds across some cracks, and those that are absent in any case.
+    def cut(self, cracks: Sequence[Crack], others: Bonds | None = None) -> None:
+        """Remove the bonds across some cracks, those that are absent in any case, and perhaps others.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class CutBonds:
         found = [bonds for crack in cracks for bonds in self._lost(crack)]
         if self.closure is not None:
             found += self._beyond_halo(self.closure)
-        found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]))
+        found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]) if others is None else others)
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
         size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
         order = np.argsort(-size, kind="stable")  # where two cracks cross a bond, the one that removes more counts
@@ -68,7 +68,7 @@ class CutBonds:
             nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None
         )
 
-    def _lost(self, crack: Crack) -> list[_Bonds]:
+    def _lost(self, crack: Crack) -> list[Bonds]:
         """Return the bonds across a crack, those in the core and those in the layers as separate entries; results are
         kept, because cracks may open one after the other.
         """
@@ -107,7 +107,7 @@ class CutBonds:
         beyond = {key: 0.0 for key, b in self.around.sides.items() if not b.bonded}
         return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.body is not None) > 0.5
 
-    def _beyond_halo(self, closure: Closure) -> list[_Bonds]:
+    def _beyond_halo(self, closure: Closure) -> list[Bonds]:
         """Return the bonds that lead from the near field beyond a halo thinner than the reach of the stencil."""
         engine, block = self.grid.engine, self.grid.engine.core
         at_rest = self.grid.keyed(dict.fromkeys(closure.outline.sides, 0.0))
@@ -141,7 +141,7 @@ class CutBonds:
                 crossed.append((axis, side))
         return crossed
 
-    def _continued(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, keys: Sequence[Key]) -> _Bonds:
+    def _continued(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, keys: Sequence[Key]) -> Bonds:
         """Return the bonds inside a layer that a crack parallel to its normal cuts, continued from those at the last
         nodes of the core; for two layers, those in their common corner.
         """

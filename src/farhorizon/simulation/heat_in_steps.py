@@ -10,9 +10,10 @@ import numpy as np
 from farhorizon.boundaries import Side
 from farhorizon.engine.settings import give_heat
 from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.simulation.broken_bonds import BrokenBonds
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.grid import Grid
-from farhorizon.simulation.heating import Heating, check_known
+from farhorizon.simulation.heating import Heating, check_known, insulated
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.team import ALONE
@@ -34,6 +35,8 @@ class HeatInSteps(Heating):
         Sides through which the temperature continues together with the displacements, as used for the temperature.
     march_of : callable
         Makes a `March` of a set-up, given what drives it in addition to its sources: a function of time.
+    broken : BrokenBonds, optional
+        Broken bonds of the solid, if there can be any; they do not conduct from the step in which they break.
 
     Attributes
     ----------
@@ -51,6 +54,7 @@ class HeatInSteps(Heating):
         sides: Sides,
         shared: Mapping[Key, Side],
         march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
+        broken: BrokenBonds | None = None,
     ) -> None:
         cold = {key: side for key, side in sides.items() if key not in shared}
         self.load, self.near, self.grid, self.sides, self._team = load, near, grid, cold, ALONE
@@ -63,6 +67,10 @@ class HeatInSteps(Heating):
         self._power = np.zeros(near.lattice.shape)
         self._heat = march_of(heat_beside(load, near.dt, shared), lambda _: self._power)
         check_known(len(self._heat.parts.near.conditions.images))
+        self._broken = broken
+        if broken is not None:
+            self._insulated = insulated(load, broken, self._heat.parts, np.zeros(near.lattice.dim, int))
+            self._table: np.ndarray | None = broken.table()
         self._beyond = WarmNodes(grid, self._heat.parts.grid, self._expansion) if shared else None
         self._now = self._before = self._temperature_now()
 
@@ -89,6 +97,9 @@ class HeatInSteps(Heating):
 
     def follow(self, step: int) -> None:
         """Advance the temperature by a step from number `step`, which the displacements have already made."""
+        if self._broken is not None and (table := self._broken.table()) is not self._table:
+            self._table = table
+            self._heat.sever(self._insulated.of(table, self._heat.parts), step)
         for _ in self._heat.advance(step, 1):
             pass
         self._before, self._now = self._now, self._temperature_now()
@@ -112,6 +123,9 @@ class HeatInSteps(Heating):
         facts = meta["heat"]
         self._heat.take([(facts["boxes"][0], mine)], facts)
         self._heat.complete()
+        if self._broken is not None:
+            self._broken.forget()
+            self._table = None
         for name in self.kept:
             setattr(self, f"_{name}", mine[name])
 

@@ -12,6 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.sources import split
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
+from farhorizon.simulation.broken_bonds import BrokenBonds, InsulatedBonds, after_changes, table_changes
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
@@ -36,6 +37,8 @@ class Heating:
         Makes a run of a set-up, given what observes it and a team.
     team : Team
         The processes that compute the run; all of them sample the temperature at the same steps.
+    broken : BrokenBonds, optional
+        Broken bonds of the solid, if there can be any.
 
     Attributes
     ----------
@@ -58,11 +61,13 @@ class Heating:
         sides: Sides,
         run_of: Callable[..., Any],
         team: Team = ALONE,
+        broken: BrokenBonds | None = None,
     ) -> None:
         self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, team
         self._expansion = expansion_of(load, near.lattice, near.model, near.lame)
         self._largest, self._told = 0.0, False
-        run = RunBeside(load, near.lattice, run_of, team) if load.of_run(load.temperature) else None
+        run = RunBeside(load, near.lattice, run_of, team, broken) if load.of_run(load.temperature) else None
+        self._run = run
         self._temperature = _given(load, near.lattice) if run is None else run.at
         between = load.every or (0.0 if run is None else run.dt)
         self.every = 0 if load.steady else max(1, int(between / near.dt * (1 + 1e-9)))
@@ -140,10 +145,13 @@ class Heating:
 
     def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return everything that does not follow from the set-up, before a step: arrays, and facts for JSON."""
-        return {}, {}
+        return ({}, {}) if self._run is None else self._run.state()
 
     def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
         """Restore a state that `state` returned."""
+        if self._run is not None:
+            self._known = {}
+            self._run.take(arrays, meta)
 
     def _strain(self, step: int) -> np.ndarray:
         """Thermal strains at a step; the temperature of the previous sample is kept."""
@@ -212,7 +220,8 @@ class RunBeside:
     """The field of a run that is computed alongside another one, on a part of its lattice.
 
     On several processes the run has its own decomposition into boxes; each process receives the values at the nodes of
-    its box of the other run, from whichever process computes them.
+    its box of the other run, from whichever process computes them. Bonds of the solid that have broken before a step of
+    this run do not conduct in it.
 
     Parameters
     ----------
@@ -222,6 +231,7 @@ class RunBeside:
     run_of : callable
         Makes a run of a set-up, given what observes it and a team.
     team : Team
+    broken : BrokenBonds, optional
 
     Raises
     ------
@@ -229,7 +239,14 @@ class RunBeside:
         Its nodes are not nodes of the lattice, or have no temperature.
     """
 
-    def __init__(self, load: ThermalLoad, lattice: Lattice, run_of: Callable[..., Any], team: Team = ALONE) -> None:
+    def __init__(
+        self,
+        load: ThermalLoad,
+        lattice: Lattice,
+        run_of: Callable[..., Any],
+        team: Team = ALONE,
+        broken: BrokenBonds | None = None,
+    ) -> None:
         assert load.reference is not None
         self._setup, self._run_of, self._team, self._reference = load.temperature, run_of, team, load.reference
         own, part, lattice = self._setup.lattice, lattice, lattice.whole
@@ -247,7 +264,10 @@ class RunBeside:
             )
         self._shape, self._place = part.shape, place
         self._boxes = team.gather((part.first, part.shape))
+        self._broken, self._changes, self._looks = broken, dict[int, np.ndarray](), 0
         self._begin()
+        if broken is not None:
+            self._insulated = insulated(load, broken, self._run.parts, place)
         unknown = ~np.isfinite(self._dealt())
         unknown &= True if part.mask is None else part.mask
         check_known(round(team.total({"unknown": float(unknown.sum())})["unknown"]))
@@ -257,6 +277,7 @@ class RunBeside:
             self._run = self._run_of(self._setup, (), self._team)
         self.dt = float(self._run.dt)
         self._before = self._after = self._field()
+        self._table = np.zeros((0, 2), np.int64)
 
     def _field(self) -> np.ndarray:
         found = self._dealt()
@@ -284,10 +305,71 @@ class RunBeside:
         if t < (self._run.step_count - 1) * self.dt:
             self._begin()
         while self._run.step_count * self.dt < t:
+            self._sever(self._run.step_count)
             self._run.step()
             self._before, self._after = self._after, self._field()
         part = max(self._run.step_count - t / self.dt, 0.0)
         return self._after + min(part, 1.0) * (self._before - self._after)
+
+    def _sever(self, step: int) -> None:
+        """Cut the bonds that have broken before a step of this run; in a repetition, those of the first time."""
+        if self._broken is None:
+            return
+        if step == self._looks:
+            rows = table_changes(self._broken.own(self._table), self._broken.table())
+            rows = np.concatenate(self._team.gather(rows))
+            self._looks += 1
+            if len(rows):
+                self._changes[step] = rows
+        if step in self._changes:
+            self._table = after_changes(self._table, self._changes[step])
+            self._run.resting.sever(self._insulated.of(self._table, self._run.parts), step)
+
+    def state(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return when bonds of the solid have broken, in steps of this run, which repeats them."""
+        if self._broken is None:
+            return {}, {}
+        rows = [
+            np.column_stack([np.full(len(one), step), *self._broken.bonds_of(one[:, 0]), one[:, 1]])
+            for step, one in self._changes.items()
+        ]
+        return {"heat/changes": np.concatenate([np.zeros((0, 6), np.int64), *rows])}, {"heat": {"looks": self._looks}}
+
+    def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
+        """Restore what `state` returned, and begin again."""
+        if self._broken is None:
+            return
+        rows = arrays["heat/changes"]
+        table = np.column_stack([self._broken.keys(rows[:, 1:4], rows[:, 4]), rows[:, 5]])
+        self._changes = {int(step): table[rows[:, 0] == step] for step in np.unique(rows[:, 0])}
+        self._looks = int(meta["heat"]["looks"])
+        self._broken.forget()
+        self._begin()
+
+
+def insulated(load: ThermalLoad, broken: BrokenBonds, heat: Any, place: np.ndarray) -> InsulatedBonds:
+    """Return the bonds of a heat conduction that broken bonds of the solid interrupt; `place` is the number of its
+    first node in the lattice of the solid.
+
+    Raises
+    ------
+    InputError
+        A contact conductance above that of the bonds across a plane.
+    """
+    setup, engine = load.temperature, heat.grid.engine
+    # nodes of an area 1 have bonds across a plane x times their number of steps across it
+    across = np.abs(engine.weights @ np.abs(engine.offsets[:, -setup.lattice.dim :])).mean() / 2
+    most = float(across * setup.lattice.spacing / setup.model.source_factor)
+    if load.contact_conductance > most * (1 + 1e-12):
+        raise InputError(
+            "cracks would conduct more than the bonds that have broken",
+            value=load.contact_conductance,
+            limit=f"<= {most:.6g}",
+            key="load.contact_conductance",
+            remedy="a smaller spacing or horizon of the heat",
+        )
+    rest = min(load.contact_conductance / most, 1.0)
+    return InsulatedBonds(broken, engine.offsets, setup.sides, setup.lattice.shape, place, rest)
 
 
 def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:

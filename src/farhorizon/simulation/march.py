@@ -10,9 +10,13 @@ from typing import Any
 import numpy as np
 
 from farhorizon.engine.pieces import Assembly, Box, common, sums_of, take_sums, values_of
-from farhorizon.inputs.thermal_loads import of_the_heat
+from farhorizon.errors import InputError
+from farhorizon.inputs.cracks import Crack
+from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
+from farhorizon.simulation.broken_bonds import BrokenBonds
 from farhorizon.simulation.checkpoint import Arrays, take_whole, whole_of
+from farhorizon.simulation.cuts import Bonds
 from farhorizon.simulation.drives import Moving, courses
 from farhorizon.simulation.energies import energies, kinetic_energy, present
 from farhorizon.simulation.feed import Feed
@@ -67,6 +71,7 @@ class March:
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
         self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt, courses(setup, near))
         self.flow_balance: FlowBalance | None = None
+        self._severed: Bonds | None = None
         self._opened = len(setup.cracks)
         self.open_cracks(0)
         self.first_cuts = int(grid.engine.absent.count)
@@ -96,8 +101,9 @@ class March:
         load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
         if load is None:
             return None
+        broken = self._broken(load)
         if not (load.coupled or self.parts.warm):
-            return Heating(load, near, grid, sides, run_of, self.team)
+            return Heating(load, near, grid, sides, run_of, self.team, broken)
 
         margins = {key: grid.margins[key] for key in self.parts.warm}
 
@@ -108,7 +114,20 @@ class March:
 
         shared = sides_of_heat(self.parts.around, grid.margins, self.parts.warm)
         kind = HeatOfDeformation if load.coupled else HeatInSteps
-        return kind(load, near, grid, sides, shared, driven)
+        return kind(load, near, grid, sides, shared, driven, broken)
+
+    def _broken(self, load: ThermalLoad) -> BrokenBonds | None:
+        """Return the broken bonds of the solid; None if they cannot break, or if the temperature is given."""
+        if self.parts.breaking is not None and self.parts.breaking.may_break and load.of_run(load.temperature):
+            return BrokenBonds(self.parts.breaking, load.contact_conductance > 0, self.team)
+        if load.contact_conductance:
+            raise InputError(
+                "no bond breaks that could conduct heat: the solid does not break, or its temperature is given",
+                value=load.contact_conductance,
+                key="load.contact_conductance",
+                remedy="leave it out, or critical_stretch or fracture_energy",
+            )
+        return None
 
     def _lay_start(self) -> None:
         """Give the engine the initial level, and that one step before it."""
@@ -201,16 +220,27 @@ class March:
             paces = self.team.gather(None if self.margin is None else self.margin.every)
             self.every = min((pace for pace in paces if pace is not None), default=0)
 
+    def _due(self, step: int) -> list[Crack]:
+        """Return the cracks that are open at a step."""
+        dt = self.parts.near.dt
+        return [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
+
+    def sever(self, bonds: Bonds, step: int) -> None:
+        """Cut these bonds from a step on, in addition to those across cracks and in place of those of the last call."""
+        self._severed = bonds
+        self.parts.cuts.cut(self._due(step), bonds)
+        if self.flow_balance is not None:
+            self.flow_balance.reopen()
+
     def open_cracks(self, step: int) -> None:
         """Cut the bonds of cracks that are open at a step and were not before."""
-        dt, breaking, engine = self.parts.near.dt, self.parts.breaking, self.parts.grid.engine
-        due = [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
+        breaking, engine, due = self.parts.breaking, self.parts.grid.engine, self._due(step)
         if len(due) == self._opened:
             return
         stored = self.energies()["strain"] if breaking is not None and step else 0.0
         if breaking is not None and not step:
             breaking.begin()
-        self.parts.cuts.cut(due)
+        self.parts.cuts.cut(due, self._severed)
         if breaking is not None and len(due) < len(self.setup.cracks):
             engine.bonds.expect_cuts()
         if breaking is not None and stored:
@@ -327,11 +357,11 @@ class March:
         alone = not self.team and len(meta["boxes"]) == 1
         if self.heating is not None:
             self.heating.take(arrays, meta)
-        self._warm(step)
         self._hold(step)
         self.open_cracks(step)
         if not made.put():
             return False
+        self._warm(step)
         first = self.team.number == 0
         self._take_sums(meta["sums"] if first else dict.fromkeys(meta["sums"], 0.0), meta["first_amounts"])
         if alone:

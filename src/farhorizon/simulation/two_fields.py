@@ -56,7 +56,14 @@ def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str
             rim=given["rim"],
             constraints=[one for one in constraints if not isinstance(one, Prescribed)],
         )
-    load = ThermalLoad(heat, model.expansion, model.reference, coupled=model.coupled, joint=_joint(boundary, heat))
+    load = ThermalLoad(
+        heat,
+        model.expansion,
+        model.reference,
+        coupled=model.coupled,
+        joint=_joint(boundary, heat),
+        contact_conductance=model.contact_conductance,
+    )
     return {
         "model": model.elastic,
         "boundary": boundary[U],
