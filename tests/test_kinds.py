@@ -74,7 +74,7 @@ RIGHT = {
     "BodyForce": {"value": [1.0, 0.0], "time": None},
     "Box": {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     "Chirp": {"first": 1.0, "last": 2.0, "duration": 10.0},
-    "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None},
+    "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None, "region": None},
     "Correspondence": {
         "kernel": KERNEL,
         "young": 1.0,
@@ -130,7 +130,7 @@ RIGHT = {
     },
     "FirstOrder": {},
     "Fixed": {"value": 0.0},
-    "Flux": {"where": "x-", "value": 0.0, "kind": "source", "within": None},
+    "Flux": {"where": "x-", "value": 0.0, "kind": "source", "within": None, "region": None},
     "Free": {},
     "Gaussian": {"width": 1.0, "delay": 5.0},
     "Heat": {

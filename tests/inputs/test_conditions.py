@@ -187,7 +187,7 @@ def test_bad_conditions():
         (lambda: Temperature("left", 0.0), "a side, a shape or a mask"),
         (lambda: Temperature("x-", 0.0, "soft"), "unknown kind"),
         (lambda: Temperature(Disc(1.0), 0.0, "mirror"), "unknown kind|needs a side"),
-        (lambda: Flux(Disc(1.0), 0.0), "needs a side"),
+        (lambda: Insulated(Disc(1.0)), "needs a side"),
         (lambda: Convection("x-", -1.0), "constraint.transfer: must be finite and not negative"),
         (lambda: Convection("x-", 1.0, ambient="warm"), r"constraint\.ambient: unknown name 'warm'"),
         (lambda: Temperature("x-", "warm"), r"constraint\.value: unknown name 'warm'"),

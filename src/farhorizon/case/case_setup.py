@@ -252,7 +252,7 @@ def _condition(part: ConstraintPart, key: str, read: Values) -> Any:
             raise InputError(
                 f"a condition of type {part.type} has no such key",
                 value=value,
-                limit=", ".join(sorted(names.keys() - {"where", "within"})),
+                limit=", ".join(sorted(names.keys() - {"where", "within", "region"})),
                 key=f"{key}.{name}",
             )
         if value is None and name in names and name != "kind":

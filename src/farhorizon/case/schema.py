@@ -372,7 +372,7 @@ class ConstraintPart(Part):
     side: str | None = None
     """Side on which it is imposed, such as "x-"; or give a region."""
     region: RegionPart | None = None
-    """Region whose nodes take the temperature; or give a side."""
+    """Region that takes the temperature, or whose surface (a hole or the body) has flux or convection; or a side."""
     value: str | Number | None = None
     """Temperature, flux into the body or, for convection, ambient temperature; may depend on the coordinates and t."""
     kind: str | None = None

@@ -343,7 +343,8 @@ def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer:
     part = host.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
     variation = host.beside(replace(setup, lattice=part.lattice)).times(node_factor(part))
     pace = pace_in(part, boxes, stencil, variation, team)
-    leak = _leak(host.model, losses(setup.constraints, part.lattice, team.gather))
+    conductivity = _conductivity(host.model, variation.stiffness)
+    leak = _leak(host.model, losses(setup.constraints, part.lattice, team.gather, stencil, conductivity))
     return Extremes(_rate_limit(part, stencil, pace, team.largest(float(leak.max(initial=0))), stiffer), pace)
 
 
@@ -365,9 +366,15 @@ def _leak(model: LatticeModel, losses: Sequence[tuple[int, np.ndarray]]) -> np.n
     return model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
 
 
+def _conductivity(model: LatticeModel, factor: np.ndarray | None) -> np.ndarray | float:
+    return model.coefficient / model.source_factor * (1.0 if factor is None else factor)
+
+
 def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None, team: Team) -> Conditions:
-    conductivity = setup.model.coefficient / setup.model.source_factor * (1.0 if factor is None else factor)
-    return resolve(setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background, team.gather)
+    conductivity = _conductivity(setup.model, factor)
+    return resolve(
+        setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background, team.gather, stencil
+    )
 
 
 def _lame(lattice: Lattice, model: LatticeModel, variation: Variation) -> np.ndarray:
