@@ -41,6 +41,9 @@ _GAIN_ALONE = 7.5  # the same in a layer without damping or with weak damping; m
 _FEEDBACK = 0.15
 _FEEDBACK_SHIFTED = 0.3  # the same if alpha rises towards the outer end; measured: 0.38 grows at 0.95 of the step limit
 _SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # shifts of alpha that are tried, see `Profile`
+# smallest eigenvalue of the symbol, in units of P waves, of damped waves that move: those of zero-energy modes (of
+# correspondence without stabilisation) are below 2e-4, those of solids with a Poisson's ratio up to 0.499 above 2e-3
+_AT_REST = 1e-3
 _STEEPEST = 60  # largest power of a ramp: almost all of sigma is then in the last column
 _LEAST = 1.95  # smallest sum of sigma over the edges, with which 2 percent of a long wave return
 
@@ -296,9 +299,10 @@ def _emptied(profile: Profile, nodes: int, stencil: Stencil, damped: HighPass | 
     of nearly incompressible solids, one whose alpha reaches sigma at the outer end.
 
     Waves that are damped so much hardly move any more, and what moves more slowly than sigma is stretched without
-    bound: it would gather at the outer end and grow there. With alpha = sigma it is stretched by two at most.
+    bound: it would gather at the outer end and grow there. With alpha = sigma it is stretched by two at most. This
+    costs absorption, which materials with zero-energy modes need not pay: those do not move at all.
     """
-    if stencil.components == 1 or damped is None or damped.strength < 1:
+    if stencil.components == 1 or damped is None or damped.strength < 1 or damped.lowest < _AT_REST:
         return profile
     equal = 2 * nodes / 12  # `Profile.edges` counts alpha in 12 strength / nodes, and sigma in 2 strength
     return replace(profile, shift=max(profile.shift, equal))
