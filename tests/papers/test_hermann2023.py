@@ -41,11 +41,12 @@ def test_example_1(tmp_path):
     """Finite elements: node counts; the error of the lattice PML is below 1e-7; the readings that agree with the
     figures come first, and what the paper leaves open is told.
     """
-    outcome = REPRODUCTIONS.find("hermann2023-ex1").run(tmp_path)
+    entry = REPRODUCTIONS.find("hermann2023-ex1")
+    outcome = entry.run(tmp_path)
     found = rows(outcome)
     assert found["nodes of the square"].deviation == found["elements"].deviation == 0
     assert outcome.infinite_error["lattice PML"] <= 1e-7
-    assert list(outcome.infinite_error)[:3] == list(FIGURE_8) and "half-space" in " ".join(outcome.remarks)
+    assert list(outcome.infinite_error)[:3] == list(FIGURE_8) and "half-space" in " ".join(entry.readings)
     assert [row.what for row in outcome.rows[:4]] == [f"{next(iter(FIGURE_8))}, t = {t}" for t in (20, 30, 40, 50)]
     assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
     # Errors of an independent program at t = 50 for clouds of 1, 2 and 3 spacings, two digits; its near field has one

@@ -57,11 +57,12 @@ OUTPUTS: dict[str, Any] = {
     "check": ReportFacts,
     "compare": dict[str, Curve],
     "sweep": SweepFacts,
-    "reproduce": OutcomeFacts | dict[str, EntryFacts],
-    "validate": OutcomeFacts | dict[str, EntryFacts],
+    "reproduce": OutcomeFacts | dict[str, OutcomeFacts] | dict[str, EntryFacts],
+    "validate": OutcomeFacts | dict[str, OutcomeFacts] | dict[str, EntryFacts],
     "demo": dict[str, Curve],
 }
-"""Output of each command: of `compare` and `demo` by boundary, of a list of `reproduce` and `validate` by name."""
+"""Output of each command: of `compare` and `demo` by boundary, of several entries of `reproduce` and `validate`, and of
+their lists, by name."""
 
 
 class _WithNull(GenerateJsonSchema):

@@ -212,12 +212,34 @@ def _merge(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("-o", "--out", metavar="FILE", help="the file (default: NAME-merged.h5 beside it)")
 
 
-def _entry(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("name", nargs="?", help="name in the list")
+def _entry(sub: argparse.ArgumentParser, names: Callable[[], list[str]]) -> None:
+    name = sub.add_argument("name", nargs="?", help="name in the list, its part before the first hyphen, or all")
+    name.completer = lambda **_: names()  # type: ignore[attr-defined]  # for argcomplete
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
     sub.add_argument(
-        "--full", action="store_true", help="full size, that of the paper, where the default is smaller; takes minutes"
+        "--full",
+        action="store_true",
+        help="full size, or the largest that is offered, where the default is smaller; takes minutes",
     )
+
+
+def _reproduction(sub: argparse.ArgumentParser) -> None:
+    def names() -> list[str]:
+        from farhorizon.papers.reproductions import REPRODUCTIONS
+
+        return REPRODUCTIONS.names()
+
+    _entry(sub, names)
+    sub.add_argument("--details", action="store_true", help="print all numbers, not only those that the paper prints")
+
+
+def _validation(sub: argparse.ArgumentParser) -> None:
+    def names() -> list[str]:
+        from farhorizon.validation.validations import VALIDATIONS
+
+        return VALIDATIONS.names()
+
+    _entry(sub, names)
 
 
 def _demo(sub: argparse.ArgumentParser) -> None:
@@ -285,12 +307,12 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
     "merge": (merge_command, (_merge,), "merge the results of several processes into one file"),
     "reproduce": (
         reproduce_command,
-        (_entry, _computing),
-        "recompute a published table or figure and compare; without a name, list them",
+        (_reproduction, _computing),
+        "recompute a published table or figure, all of a paper, or all, and compare; without a name, list them",
     ),
     "validate": (
         validate_command,
-        (_entry, _computing),
+        (_validation, _computing),
         "compute a problem of an unbounded medium whose exact solution is known; without a name, list them",
     ),
     "demo": (

@@ -78,13 +78,12 @@ ELEMENTS: dict[str, Side] = {
     "published, 4 spacings thinned by 2, half-space": published(2.0, cone=90.0, thin=2),
     "published, 5 spacings thinned by 2, cone of 45 degrees": published(2.5, thin=2),
 }
-OPEN_ELEMENTS = [
-    "The paper leaves open how far the clouds of example 1 reach and how they are thinned (figure 7), and states a "
-    "cone of 45 degrees:",
-    "  half-space clouds of 2 spacings show figures 8 to 10, and are certified;",
-    "  clouds of 4 or 5 spacings thinned by 2 have a quarter and a half of their error at t = 50, and grow later;",
-    "  whole cones of 45 degrees of 1 to 3 spacings have 3 to 9 times their error at t = 50.",
-]
+OPEN_ELEMENTS = (
+    "how far the clouds of example 1 reach and how they are thinned (figure 7) is left open; the cone has 45 degrees",
+    "half-space clouds of 2 spacings show figures 8 to 10, and are certified",
+    "clouds of 4 or 5 spacings thinned by 2 have a quarter and a half of their error at t = 50, and grow later",
+    "whole cones of 45 degrees of 1 to 3 spacings have 3 to 9 times their error at t = 50",
+)
 
 
 def sharp(radius: float, spacing: float = 0.25, **options: Any) -> PlaneWave:
@@ -187,6 +186,8 @@ def _pictures(
     "finite elements on a square, classical waves: fields, differences, errors (figures 8, 9)",
     "a minute",
     full="minutes",
+    figures=("fig8", "fig9"),
+    readings=OPEN_ELEMENTS,
 )
 def example_1(folder: Path, full: bool = False) -> Outcome:
     """Square of 105^2 nodes; without `full` the time step is 20 times that of the paper."""
@@ -211,7 +212,7 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     shown = (_HALF_SPACE, "first order, A13", "lattice PML")
     apart = (*ELEMENTS, "first order, A13", "repaired", "lattice PML")
     _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
-    return Outcome(outcome.rows + counts, outcome.infinite_error, paths, OPEN_ELEMENTS)
+    return Outcome(outcome.rows + counts, outcome.infinite_error, paths)
 
 
 def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
@@ -329,6 +330,7 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
     "finite elements on a square: history at (20, 10), and the energy to t = 2500",
     "a minute",
     full="minutes",
+    readings=OPEN_ELEMENTS,
 )
 def figure_10(folder: Path, full: bool = False) -> Outcome:
     """Left: history with three conditions. Right: 1e5 steps of 0.025, with `full` the published 5e6 of 5e-4."""
@@ -415,15 +417,15 @@ def disc_readings(reach: int, dt: float) -> dict[str, Side]:
     }
 
 
-OPEN_DISC = [
-    "The paper leaves open the cut-off of the pseudo-inverse (rcond; here at a step of 0.05, and proportional to it) "
-    "and how far clouds are thinned:",
-    "  horizon 6 spacings, whole cone: rcond 1e-7 and 1e-8 show figures 11 and 12, with A better than B, and grow from "
-    "t = 100 on; 1e-5 is less accurate and grows least; 1e-12, which remark 1 implies, overflows;",
-    "  thinned by 2 or 3 the condition numbers are far below those of remark 1; by 2 the error at t = 50 is 0.1, by 3 "
-    "it is 2e-3;",
-    "  horizon 3 spacings: normals along the lattice, or half-space clouds of 2 spacings; whole cones overflow.",
-]
+OPEN_DISC = (
+    "the cut-off of the pseudo-inverse (rcond; here at a step of 0.05, and proportional to it) and how far clouds are "
+    "thinned is left open",
+    "horizon 6 spacings, whole cone: rcond 1e-7 and 1e-8 show figures 11 and 12, with A better than B, and grow from "
+    "t = 100 on; 1e-5 is less accurate and grows least; 1e-12, which remark 1 implies, overflows",
+    "thinned by 2 or 3 the condition numbers are far below those of remark 1; by 2 the error at t = 50 is 0.1, by 3 it "
+    "is 2e-3",
+    "horizon 3 spacings: normals along the lattice, or half-space clouds of 2 spacings; whole cones overflow",
+)
 
 
 def disc_conditions(reach: int, dt: float) -> dict[str, Side]:
@@ -456,11 +458,13 @@ def _disc_counts(reach: int) -> list[Row]:
     "disc, horizon 6 (and 3) spacings: modes of the lattice (A), local ones (B), repairs (figures 11, 12)",
     "a minute",
     "minutes",
+    figures=("fig11", "fig12"),
+    readings=OPEN_DISC,
 )
 def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the time step is 500 times that of the paper, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
-    whole = Outcome([], remarks=OPEN_DISC)
+    whole = Outcome([])
     for reach, names in (
         (6, ("fig11", "fig12", "ex2-errors")),
         (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors")),
@@ -485,12 +489,12 @@ _ASIDE = 1e-3 * 0.25  # the notches run through nodes and are moved off them by 
 
 
 SHOWN_NOTCHES = ("published A, lattice normals", "published A, half-space, rcond 1e-5", "lattice PML")
-OPEN_NOTCHES = [
-    "The paper leaves open the clouds of this example. With normals along the lattice, and with half-space clouds of 2 "
-    "spacings and rcond 1e-5, the fields are those of figure 13, and the history at (20, 10) departs late from the "
-    "reference for radius 26 and hardly for 42, as in figure 14. Thinned by 2, as in figure 7, the error is ten times "
-    "as large."
-]
+OPEN_NOTCHES = (
+    "the clouds of this example are left open",
+    "with normals along the lattice, and with half-space clouds of 2 spacings and rcond 1e-5, the fields are those of "
+    "figure 13, and the history at (20, 10) departs late from the reference for radius 26 and hardly for 42, as in "
+    "figure 14; thinned by 2, as in figure 7, the error is ten times as large",
+)
 
 
 def notched(radius: float, dt: float) -> dict[str, Any]:
@@ -523,6 +527,8 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)",
     "a minute",
     full="minutes",
+    figures=("fig13", "fig14"),
+    readings=OPEN_NOTCHES,
 )
 def example_3(folder: Path, full: bool = False) -> Outcome:
     """Radius 26 and 42 up to t = 70; the time step is 500 times that of the paper, with `full` 50 times."""
@@ -538,7 +544,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         "Higdon (0, 45)": Higdon((0, 45), 0.02),
         "lattice PML": LatticePML(nodes=12),
     }
-    whole, panels = Outcome([], remarks=OPEN_NOTCHES), []
+    whole, panels = Outcome([]), []
     for radius, names in (
         (RADIUS, ("fig13", "ex3-differences", "ex3-errors")),
         (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors")),
@@ -574,11 +580,21 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     return whole
 
 
+OPEN_LINE = (
+    "the matrix of 26 nodes has no finite condition number, and the pseudo-inverse decides: cut off at rounding "
+    "(1e-15) it shows figure B1; at 1e-12, as remark 1 implies, and at 1e-10 the error at t = 15 is 1.7 and 2.3 times "
+    "as large",
+    "of 4 nodes the condition number is 2.6e12: cut off at 1e-12 they overflow; wavenumbers to 10 overflow",
+)
+
+
 @reproduction(
     "hermann2023-appB",
     PAPER,
     "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)",
     full="minutes",
+    figures=("figB1",),
+    readings=OPEN_LINE,
 )
 def appendix_b(folder: Path, full: bool = False) -> Outcome:
     """2001 nodes, 150 000 steps. Exact ends, whose kernel takes minutes at this step, use ten times the step, and with
@@ -628,14 +644,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     ]
     curve_panels(panels, paths[0], xlabel="$x$", ylabel="$u$")
     errors_picture(paths[1], course, runs)
-    return Outcome(outcome.rows + counts, outcome.infinite_error, paths, OPEN_LINE)
-
-
-OPEN_LINE = [
-    "The matrix of 26 nodes has no finite condition number: the pseudo-inverse decides. Cut off at rounding (1e-15) it "
-    "shows figure B1; at 1e-12, as remark 1 implies, and at 1e-10 the error at t = 15 is 1.7 and 2.3 times as large. "
-    "Of 4 nodes the condition number is 2.6e12: cut off at 1e-12 they overflow. Wavenumbers to 10 overflow."
-]
+    return Outcome(outcome.rows + counts, outcome.infinite_error, paths)
 
 
 @reproduction("hermann2023-fig6", PAPER, "dispersion: numerical, Taylor and local")

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import difflib
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -34,6 +33,11 @@ class Row:
         Correct value of a misprint.
     note : str
         Explanation, in one line.
+    reason : str
+        Why the computed number deviates from the printed one by more than the tolerance of the collection; empty where
+        it does not, or where nobody knows why it does.
+    key : bool
+        Listed also without the details, although the paper prints no number: what answers a statement of the paper.
     """
 
     what: str
@@ -41,6 +45,8 @@ class Row:
     printed: float | None = None
     corrected: float | None = None
     note: str = ""
+    reason: str = ""
+    key: bool = False
 
     @property
     def expected(self) -> float | None:
@@ -51,6 +57,95 @@ class Row:
     def deviation(self) -> float | None:
         """Relative deviation of the computed number from the expected one."""
         return self.ours / self.expected - 1 if self.expected else None
+
+    def within(self, tolerance: float) -> bool:
+        """Whether the deviation is at most `tolerance`; true without an expected number, false after an overflow."""
+        return self.deviation is None or abs(self.deviation) <= tolerance
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One parameter of a computation, beside that of the paper.
+
+    Attributes
+    ----------
+    what : str
+        Description, e.g. ``"time step"``.
+    ours : float
+    paper : float, optional
+        Value in the paper; None if the paper does not state it.
+    note : str
+        Explanation, in one line.
+    """
+
+    what: str
+    ours: float
+    paper: float | None = None
+    note: str = ""
+
+    def __str__(self) -> str:
+        """The setting in one line, with the ratio where it is not that of the paper."""
+        if self.paper is None:
+            beside = "not stated in the paper"
+        elif abs(self.ours - self.paper) <= _SAME * abs(self.paper):
+            beside = "as in the paper"
+        else:
+            more, less = sorted((abs(self.ours), abs(self.paper)), reverse=True)
+            ratio = f", {float(f'{more / less:.3g}'):g} times {'larger' if more == abs(self.ours) else 'smaller'}"
+            factor = ratio if less and more / less > _MUCH else ""
+            beside = f"paper: {_number(self.paper)}{factor}"
+        return f"{self.what} {_number(self.ours)} ({beside}{'; ' * bool(self.note)}{self.note})"
+
+
+_MUCH = 1.01  # ratio of settings below which a factor says less than the two numbers
+_SAME = 1e-9  # relative difference between settings that are the same number up to rounding
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a figure or table of the paper shows, and what the computation shows.
+
+    Attributes
+    ----------
+    item : str
+        The figure or table, e.g. ``"figure 5"``.
+    paper, ours : str
+        What each of them shows, as the end of a sentence that begins with "shows".
+    agrees : bool
+        Determined from the computed numbers.
+    reason : str
+        Why they differ, if they do and it is known.
+    """
+
+    item: str
+    paper: str
+    ours: str
+    agrees: bool
+    reason: str = ""
+
+    def __str__(self) -> str:
+        """The comparison as one sentence."""
+        verdict = "agrees" if self.agrees else f"differs because {self.reason}" if self.reason else "differs"
+        return f"{self.item}: the paper shows {self.paper}; this run shows {self.ours}: {verdict}."
+
+    @classmethod
+    def of_rows(cls, item: str, rows: Sequence[Row], paper: str = "", tolerance: float = 0.05) -> Comparison:
+        """Comparison of the printed numbers among some rows; `paper` says what they are, if there are too few words."""
+        printed = [row for row in rows if row.deviation is not None]
+        off = [row for row in printed if not row.within(tolerance)]
+        misprints = sum(row.corrected is not None for row in printed)
+        found = f"{len(printed) - len(off)} of them within {100 * tolerance:g} %"
+        if len(off) < len(printed):
+            found += f", the largest deviation of these {max(_percent(row) for row in printed if row not in off):.1f} %"
+        if misprints:
+            found += f", {misprints} of them after correcting a misprint"
+        reasons = dict.fromkeys(row.reason for row in off)
+        reason = "" if "" in reasons else "; ".join(reasons)
+        return cls(item, paper or f"{len(printed)} numbers", found, not off, reason)
+
+
+def _percent(row: Row) -> float:
+    return 100 * abs(row.deviation or 0.0)
 
 
 @dataclass(frozen=True)
@@ -64,14 +159,22 @@ class Outcome:
         For each boundary, the largest difference from the infinite medium at the same time step, relative to the
         initial maximum.
     pictures : list of Path
-    remarks : list of str
-        What the publication leaves open and what each choice does, one sentence each.
+    comparisons : list of Comparison
+        One for each figure or table of the paper.
+    settings : list of Setting
+        Grid, steps and what else decides how close the computation is to that of the paper.
     """
 
     rows: list[Row]
     infinite_error: dict[str, float] = field(default_factory=dict)
     pictures: list[Path] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
+    comparisons: list[Comparison] = field(default_factory=list)
+    settings: list[Setting] = field(default_factory=list)
+
+    def unexplained(self, tolerance: float) -> list[str]:
+        """What deviates from the paper by more than `tolerance`, or contradicts it, without a known reason."""
+        rows = [row.what for row in self.rows if not row.within(tolerance) and not row.reason]
+        return rows + [found.item for found in self.comparisons if not found.agrees and not found.reason]
 
 
 class RowFacts(TypedDict):
@@ -85,6 +188,36 @@ class RowFacts(TypedDict):
     """Value in the paper or of the exact solution; null if there is none."""
     corrected: float | None
     """Correct value of a misprint; null if there is none."""
+    note: str
+    """Explanation, in one line."""
+    reason: str
+    """Why the computed number deviates from the printed one; empty if it does not, or if this is not known."""
+
+
+class ComparisonFacts(TypedDict):
+    """What a figure or table of the paper shows, and what the computation shows."""
+
+    item: str
+    """The figure or table."""
+    paper: str
+    """What the paper shows."""
+    ours: str
+    """What the computation shows."""
+    agrees: bool
+    """Whether they agree."""
+    reason: str
+    """Why they differ; empty if they agree, or if this is not known."""
+
+
+class SettingFacts(TypedDict):
+    """A parameter of the computation."""
+
+    what: str
+    """Description of the parameter."""
+    ours: float
+    """Its value."""
+    paper: float | None
+    """Its value in the paper; null if the paper does not state it."""
     note: str
     """Explanation, in one line."""
 
@@ -103,8 +236,12 @@ class OutcomeFacts(TypedDict):
     maximum."""
     pictures: list[str]
     """Names of files in the folder of the pictures."""
-    remarks: NotRequired[list[str]]
-    """What the publication leaves open, and what each choice does."""
+    comparisons: list[ComparisonFacts]
+    """For each figure or table, what the paper shows and what the computation shows."""
+    settings: list[SettingFacts]
+    """Grid, steps and what else decides how close the computation is to that of the paper."""
+    readings: list[str]
+    """How the paper was read where it leaves something open or does not lead to its own numbers."""
 
 
 class EntryFacts(TypedDict):
@@ -118,6 +255,8 @@ class EntryFacts(TypedDict):
     """Approximate run time."""
     full: str
     """Approximate run time in the published size; empty if there is only one size."""
+    figures: list[str]
+    """Other names by which it is found: those of the figures that it draws."""
 
 
 @dataclass(frozen=True)
@@ -129,10 +268,14 @@ class Entry:
     name, paper, title : str
     function : callable
         Takes the folder of the pictures, and `full` if the entry is scaled.
-    takes : {"seconds", "a minute"}
-        Approximate run time on one core, once everything needed is compiled.
-    full : {"", "a minute", "minutes", "an hour"}
+    takes : str
+        Approximate run time on two cores, once everything needed is compiled, such as "seconds" or "2 min".
+    full : str
         The same in full size, if the default is a smaller version or has larger steps; empty if there is only one size.
+    figures : tuple of str
+        Figures and tables that it computes besides that of its name, such as ``("fig5",)``.
+    readings : tuple of str
+        How the paper is read where it leaves something open or does not lead to its own numbers, one line each.
     """
 
     name: str
@@ -141,6 +284,18 @@ class Entry:
     function: Callable[..., Outcome]
     takes: str = "seconds"
     full: str = ""
+    figures: tuple[str, ...] = ()
+    readings: tuple[str, ...] = ()
+
+    @property
+    def group(self) -> str:
+        """First part of the name, which the entries of one paper share."""
+        return self.name.partition("-")[0]
+
+    @property
+    def other_names(self) -> list[str]:
+        """Names of the figures and tables that it computes besides that of its name."""
+        return [f"{self.group}-{figure}" for figure in self.figures]
 
     @property
     def scaled(self) -> bool:
@@ -159,24 +314,46 @@ class Entry:
     @property
     def facts(self) -> EntryFacts:
         """The entry of the list as plain data."""
-        return {"paper": self.paper, "title": self.title, "takes": self.takes, "full": self.full}
+        return {
+            "paper": self.paper,
+            "title": self.title,
+            "takes": self.takes,
+            "full": self.full,
+            "figures": self.other_names,
+        }
 
     def as_json(self, outcome: Outcome) -> OutcomeFacts:
         """Return an outcome as plain data."""
         rows = [_row_facts(row) for row in outcome.rows]
         pictures = [path.name for path in outcome.pictures]
-        found: OutcomeFacts = {
+        comparisons: list[ComparisonFacts] = [
+            {"item": c.item, "paper": c.paper, "ours": c.ours, "agrees": bool(c.agrees), "reason": c.reason}
+            for c in outcome.comparisons
+        ]
+        settings: list[SettingFacts] = [
+            {"what": s.what, "ours": s.ours, "paper": s.paper, "note": s.note} for s in outcome.settings
+        ]
+        return {
             "name": self.name,
             "paper": self.paper,
             "rows": rows,
             "infinite_error": outcome.infinite_error,
             "pictures": pictures,
+            "comparisons": comparisons,
+            "settings": settings,
+            "readings": list(self.readings),
         }
-        return {**found, "remarks": outcome.remarks} if outcome.remarks else found
 
 
 def _row_facts(row: Row) -> RowFacts:
-    return {"what": row.what, "ours": row.ours, "printed": row.printed, "corrected": row.corrected, "note": row.note}
+    return {
+        "what": row.what,
+        "ours": row.ours,
+        "printed": row.printed,
+        "corrected": row.corrected,
+        "note": row.note,
+        "reason": row.reason,
+    }
 
 
 @dataclass(frozen=True)
@@ -193,23 +370,34 @@ class Collection:
         Names of these modules, in the order of the list.
     known : str
         Heading of the column of known numbers.
+    tolerance : float
+        Relative deviation from a known number beyond which a reason is required; infinite if the entries judge
+        themselves.
     """
 
     command: str
     package: str
     modules: tuple[str, ...]
     known: str
+    tolerance: float = float("inf")
     _entries: dict[str, Entry] = field(default_factory=dict)
 
     def enter(
-        self, name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
+        self,
+        name: str,
+        paper: str,
+        title: str,
+        takes: str = "seconds",
+        full: str = "",
+        figures: tuple[str, ...] = (),
+        readings: tuple[str, ...] = (),
     ) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
         """Decorator that enters a function of the folder of the pictures; if there is a `full` size, the function takes
         `full` as well. See `Entry`.
         """
 
         def entered(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
-            self._entries[name] = Entry(name, paper, title, function, takes, full)
+            self._entries[name] = Entry(name, paper, title, function, takes, full, figures, readings)
             return function
 
         return entered
@@ -220,8 +408,14 @@ class Collection:
             importlib.import_module(f"{self.package}.{module}")
         return dict(self._entries)
 
-    def find(self, name: str) -> Entry:
-        """Return the entry of a name.
+    def names(self) -> list[str]:
+        """Return everything that `select` knows: entries, figures that they draw, groups of entries, and "all"."""
+        entries = self.entries().values()
+        figures = [name for entry in entries for name in entry.other_names]
+        return [*self.entries(), *figures, *dict.fromkeys(entry.group for entry in entries), "all"]
+
+    def select(self, name: str) -> list[Entry]:
+        """Return the entries of a name: one, all of a group such as a paper, or all.
 
         Raises
         ------
@@ -229,8 +423,11 @@ class Collection:
             The name is unknown; the closest known one is suggested.
         """
         entries = self.entries()
-        if name not in entries:
-            near = difflib.get_close_matches(name, entries, 1, 0.4)
+        if name in entries:
+            return [entries[name]]
+        chosen = [e for e in entries.values() if name in ("all", e.group) or name in e.other_names]
+        if not chosen:
+            near = difflib.get_close_matches(name, self.names(), 1, 0.4)
             raise InputError(
                 "there is no entry of this name",
                 value=name,
@@ -238,7 +435,11 @@ class Collection:
                 key=self.command,
                 remedy=f"did you mean {near[0]!r}?" if near else f"farhorizon {self.command} lists them",
             )
-        return entries[name]
+        return chosen
+
+    def find(self, name: str) -> Entry:
+        """Return the first entry of a name, as `select`."""
+        return self.select(name)[0]
 
 
 def _number(value: float) -> str:
@@ -248,15 +449,29 @@ def _number(value: float) -> str:
     return f"{value:,}".replace(",", " ") if abs(value) >= 10_000 else str(value)
 
 
-def outcome_table(outcome: Outcome, known: str) -> str:
-    """Return the rows as text: the computed number, the known one under its heading, deviation, note."""
-    width = max(len(row.what) for row in outcome.rows)
-    lines = [f"{'':{width}}  {'ours':>10}  {known:>10}  {'deviation':>9}  note"]
-    for row in outcome.rows:
+def outcome_table(outcome: Outcome, known: str, details: bool = True, tolerance: float = 0.0) -> str:
+    """Return the rows as text: the computed number, the known one under its heading, deviation, note.
+
+    Rows with a known number come first; without `details` those without one are left out, except for key ones. Reasons
+    are those of deviations beyond `tolerance`.
+    """
+    order = sorted(outcome.rows, key=lambda row: (row.printed is None, not row.key))
+    rows = [row for row in order if details or row.key or row.printed is not None]
+    lines = []
+    if rows:
+        width = max(len(row.what) for row in rows)
+        lines.append(f"{'':{width}}  {'ours':>10}  {known:>10}  {'deviation':>9}  note")
+    for row in rows:
         printed = "" if row.printed is None else _number(row.printed)
         deviation = "" if row.deviation is None else f"{100 * row.deviation:+.1f} %"
-        note = row.note if row.corrected is None else f"misprint, read {row.corrected:.3g}: {row.note}"
+        misprint = "" if row.corrected is None else f"misprint, read {row.corrected:.3g}"
+        reason = "" if row.within(tolerance) else row.reason
+        note = ": ".join(part for part in (misprint, "; ".join(filter(None, (row.note, reason)))) if part)
         lines.append(f"{row.what:{width}}  {_number(row.ours):>10}  {printed:>10}  {deviation:>9}  {note}".rstrip())
-    for name, value in outcome.infinite_error.items():
-        lines.append(f"error against the infinite medium at the same time step, {name}: {value:.1e}")
-    return "\n".join([*lines, *outcome.remarks])
+    left = len(outcome.rows) - len(rows) + len(outcome.infinite_error)
+    if details:
+        for name, value in outcome.infinite_error.items():
+            lines.append(f"error against the infinite medium at the same time step, {name}: {value:.1e}")
+    elif left:
+        lines.append(f"{left} more numbers, which the paper does not print: --details")
+    return "\n".join(lines)
