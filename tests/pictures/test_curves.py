@@ -64,6 +64,18 @@ def test_values_between_gaps_are_points(tmp_path, monkeypatch):
     assert markers == ["", "o", ""]
 
 
+def test_few_values_are_points_without_chords(tmp_path, monkeypatch):
+    """A chord between values far apart would lie beside the curve on which they lie."""
+    from matplotlib.figure import Figure
+
+    made, x = [], np.linspace(0, 1, 50)
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: made.append(figure))
+    curves = [("exact", x, x**2), ("few", x[::9], x[::9] ** 2), ("fewer", x[::11], x[::11] ** 2)]
+    drawing.curve_panels([("panel", curves)], tmp_path / "c.png", xlabel="x", ylabel="y", points=["few", "fewer"])
+    styles = [(line.get_linestyle(), line.get_marker()) for line in made[0].axes[0].get_lines()]
+    assert styles == [("-", ""), ("None", "o"), ("None", "x")]
+
+
 def test_thin_curves_of_panels_all_have_dashes_of_their_own(tmp_path, monkeypatch):
     """In grey the colours cannot be told apart."""
     from matplotlib.figure import Figure

@@ -14,3 +14,5 @@ reproduction = REPRODUCTIONS.enter
 
 #: Width of a drawn line relative to the height of a picture: curves that differ by less look the same in a figure.
 LINE = 0.01
+#: Difference relative to the range of a map of colours that cannot be seen: readers tell some twenty shades apart.
+SHADE = 0.05

@@ -13,6 +13,7 @@ from farhorizon.pictures.style import COLORS, figure_at
 
 # Largest number of decades of a logarithmic axis below its maximum; double precision resolves 16.
 DECADES = 20
+_MARKERS = "oxs^v"  # of curves that are drawn as points
 _ROUNDING = 1e-13  # relative to the incident wave: smaller reflections are due to rounding
 
 
@@ -97,6 +98,7 @@ def curve_panels(
     ylabel: str | Sequence[str],
     reference: str | None = None,
     equal: Sequence[int] = (),
+    points: Sequence[str] = (),
 ) -> None:
     """Draw panels of curves for comparison: the reference as a broad pale line, the others as thin lines on top of it.
 
@@ -113,6 +115,8 @@ def curve_panels(
         Name of the curve to which the others are compared; the first one if not given.
     equal : sequence of int
         Panels whose two axes have the same scale, such as those of positions, where angles should be true.
+    points : sequence of str
+        Names of the curves that are drawn as points, because their few values must not be joined by chords.
 
     Raises
     ------
@@ -144,6 +148,9 @@ def curve_panels(
         name: {"color": colors[i % len(colors)], "linewidth": 1.1, **dashes[i % len(dashes)]}
         for i, name in enumerate(names)
     }
+    for marker, name in zip(_MARKERS, points, strict=False):
+        styles[name] |= {"linestyle": "", "marker": marker, "markersize": 5, "markerfacecolor": "none"}
+        styles[name].pop("dashes", None)
     styles[broad] = {"color": COLORS[5], "linewidth": 3.4}
     # all axes show the same quantity
     shared = isinstance(ylabel, str) and all(len(curves) > 1 for _, curves in panels)
