@@ -506,6 +506,7 @@ def table2(folder: Path) -> Outcome:
     "ji2021-table3",
     PAPER,
     "bar: error of the velocity (and figure 6: convergence)",
+    takes="10 s",
     figures=("fig6",),
     readings=(REST,),
 )
@@ -558,6 +559,7 @@ def table5(folder: Path) -> Outcome:
     "ji2021-table6",
     PAPER,
     "seismic source: error of the displacement (and figure 14: convergence)",
+    takes="10 s",
     figures=("fig14",),
     readings=(PULSE, ALL_NODES, REST),
 )
@@ -689,6 +691,7 @@ _BETAS, _LONG = (1.0, 0.5, 0.1), 100.0
     "ji2021-fig8",
     PAPER,
     "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1",
+    takes="30 s",
     readings=(INTERFACE,),
 )
 def figure8(folder: Path) -> Outcome:
@@ -756,6 +759,7 @@ def figure8(folder: Path) -> Outcome:
     "ji2021-fig9",
     PAPER,
     "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1",
+    takes="40 s",
     readings=(INTERFACE, REST),
 )
 def figure9(folder: Path) -> Outcome:

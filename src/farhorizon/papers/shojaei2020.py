@@ -216,6 +216,7 @@ def _compared(
     "shojaei2020-ex1-fem",
     PAPER,
     "diffusion on a line, linear finite elements: figures 7 to 9",
+    takes="10 s",
     full="minutes",
     figures=("fig7", "fig8", "fig9"),
     readings=(WAVENUMBERS, ENERGY),
@@ -232,6 +233,7 @@ def example_1_elements(folder: Path, full: bool = False) -> Outcome:
     "shojaei2020-ex1-pd",
     PAPER,
     "diffusion on a line, peridynamic, horizon and layer of 4 spacings: figures 10, 11",
+    takes="10 s",
     full="minutes",
     figures=("fig10", "fig11"),
     readings=(WAVENUMBERS, ENERGY),
@@ -248,6 +250,7 @@ def example_1_peridynamic(folder: Path, full: bool = False) -> Outcome:
     "shojaei2020-ex1-layers",
     PAPER,
     "the same with layers thinner than the horizon: figures 12, 13",
+    takes="20 s",
     figures=("fig12", "fig13"),
     readings=(WAVENUMBERS, ENERGY),
 )

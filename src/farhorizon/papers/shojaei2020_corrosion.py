@@ -432,6 +432,7 @@ def last_dissolution(example: CorrosionExample) -> float:
     "shojaei2020-ex2",
     PAPER,
     "example 2: letters that corrode in an infinite electrolyte, 2D, full size",
+    takes="30 s",
     figures=("fig15", "fig16", "fig17", "fig18"),
     readings=(EXPONENT, FONT, DISSOLVING, MODES),
 )
@@ -482,6 +483,7 @@ def asymmetry(u: np.ndarray) -> float:
     "shojaei2020-ex3",
     PAPER,
     "example 3: a sphere that corrodes in an infinite electrolyte, 3D",
+    takes="40 s",
     full="minutes",
     figures=("fig20", "fig21"),
     readings=(EXPONENT, DISSOLVING, MODES),

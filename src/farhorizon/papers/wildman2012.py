@@ -243,6 +243,7 @@ def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
     "wildman2012-fig2",
     PAPER,
     "strain energy of a pulse in a square with the layer, both kernels, and what other sides send back",
+    takes="40 s",
     readings=(SQUARE, ENERGIES),
 )
 def figure_2(folder: Path) -> Outcome:
@@ -637,6 +638,7 @@ def indent(load: float, dt: float, until: float = 10e-6) -> tuple[Simulation, np
     "wildman2012-fig7",
     PAPER,
     "cracks from an indented half-space, 250 N (and figure 8)",
+    takes="10 s",
     full="minutes",
     figures=("fig8",),
     readings=(STRETCH, LOAD, PRECRACKS, CRACKED),
