@@ -15,6 +15,7 @@ eq 54 is closed. The relation for one step with damping is that of eq 42 written
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,9 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Wave
 from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, measured_run
-from farhorizon.papers.reproductions import reproduction
+from farhorizon.papers.reproductions import LINE, SHADE, reproduction
 from farhorizon.simulation.simulation import Simulation
-from farhorizon.studies.collection import Outcome, Row
+from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = (
     "Hermann, Shojaei, Seleson, Cyron, Silling (2023), Dirichlet-type absorbing boundary conditions for peridynamic "
@@ -84,6 +85,18 @@ OPEN_ELEMENTS = (
     "clouds of 4 or 5 spacings thinned by 2 have a quarter and a half of their error at t = 50, and grow later",
     "whole cones of 45 degrees of 1 to 3 spacings have 3 to 9 times their error at t = 50",
 )
+
+
+def _settings(dt: float, paper: float = 5e-4, *, until: float | None = None) -> list[Setting]:
+    """Time step and end; the grids are those of the paper."""
+    end = [] if until is None else [Setting("end", until, LAST)]
+    return [Setting("time step", dt, paper, "the grid is that of the paper"), *end]
+
+
+def _is_key(label: str) -> bool:
+    """Whether a condition is a reading that shows what the figures show, or a conventional one beside it."""
+    conventional = ("first order, A13", "Higdon (0, 45)")
+    return label in (*ELEMENTS, *conventional, *SHOWN_NOTCHES[:1], ON_THE_LINE) or "rcond" in label
 
 
 def sharp(radius: float, spacing: float = 0.25, **options: Any) -> PlaneWave:
@@ -148,7 +161,12 @@ def _outcome(
         how = runs[label].stability
         errors = [float(runs[label].errors[list(course).index(t)]) for t in times]
         rows += [
-            Row(f"{label}, t = {t:g}", e, note=how if t == times[0] else "" if np.isfinite(e) else "overflow")
+            Row(
+                f"{label}, t = {t:g}",
+                e,
+                note=how if t == times[0] else "" if np.isfinite(e) else "overflow",
+                key=_is_key(label),
+            )
             for t, e in zip(times, errors, strict=True)
         ]
     peak = float(np.abs(setup["initial"]["u"](*setup["lattice"].coordinates())).max())
@@ -212,7 +230,25 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     shown = (_HALF_SPACE, "first order, A13", "lattice PML")
     apart = (*ELEMENTS, "first order, A13", "repaired", "lattice PML")
     _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
-    return Outcome(outcome.rows + counts, outcome.infinite_error, paths)
+    proposed, conventional = (runs[label].errors[-1] for label in (_HALF_SPACE, "first order, A13"))
+    middle = runs[_HALF_SPACE].errors[COURSE.index(40.0)], runs["first order, A13"].errors[COURSE.index(40.0)]
+    top = max(float(np.nanmax(np.abs(u))) for u in exact)
+    compared = [
+        Comparison(
+            "figure 8",
+            "the proposed condition on the reference, and clear reflections of the conventional one at t = 40 and 50",
+            f"with half-space clouds of 2 spacings errors of {middle[0]:.1g} and {proposed:.1g}, with the conventional "
+            f"condition {middle[1]:.1g} and {conventional:.1g}, where the largest value shown is {top:.1g}",
+            max(middle[0], proposed) < SHADE * top and middle[0] < middle[1] / 2,
+        ),
+        Comparison(
+            "figure 9",
+            "a smaller difference at t = 50 with the proposed condition than with the conventional one",
+            f"{proposed:.2g} and {conventional:.2g}",
+            bool(proposed < conventional),
+        ),
+    ]
+    return Outcome(outcome.rows + counts, outcome.infinite_error, paths, compared, _settings(dt))
 
 
 def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
@@ -328,7 +364,7 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
     "hermann2023-fig10",
     PAPER,
     "finite elements on a square: history at (20, 10), and the energy to t = 2500",
-    "a minute",
+    "20 s",
     full="minutes",
     readings=OPEN_ELEMENTS,
 )
@@ -350,6 +386,7 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
                 f"{label}, largest difference at (20, 10) to t = 60",
                 float(np.abs(values - history).max()),
                 note=f"largest value {np.abs(history).max():.2g}",
+                key=_is_key(label),
             )
         )
     shown = [c for c in curves if c[0] in (INFINITE, *ELEMENTS, "first order, A13", "lattice PML")]
@@ -368,9 +405,8 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     courses |= {label: relative_energies(setup, boundary, times) for label, boundary in LONG.items()}
     for label, values in courses.items():
         ended = not np.isfinite(values[-1])
-        rows.append(
-            Row(f"{label}, energy at t = {LAST:g} / initial", float(values[-1]), note="overflow" if ended else "")
-        )
+        what = f"{label}, energy at t = {LAST:g} / initial"
+        rows.append(Row(what, float(values[-1]), note="overflow" if ended else "", key=_is_key(label)))
     # growing energies are cut off
     seen = {name: np.where(values < 100, values, np.nan) for name, values in courses.items()}
     error_history(
@@ -380,7 +416,25 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
         "",
         xlabel="$t$",
     )
-    return Outcome(rows, pictures=paths)
+    apart = {name: float(np.abs(values).max()) for name, _, values in differences}
+    peak, late = float(np.abs(history).max()), courses[_HALF_SPACE]
+    compared = [
+        Comparison(
+            "figure 10 left",
+            "the proposed condition closer to the reference at (20, 10) than the conventional one",
+            f"with half-space clouds of 2 spacings a largest difference of {100 * apart[_HALF_SPACE] / peak:.1g} %, "
+            f"with the conventional condition {100 * apart['first order, A13'] / peak:.1g} % of the largest value",
+            apart[_HALF_SPACE] < min(apart["first order, A13"], 2 * LINE * peak),
+        ),
+        Comparison(
+            "figure 10 right",
+            "an energy that shows no unstable behaviour in 5e6 steps, to t = 2500",
+            f"with half-space clouds of 2 spacings {late[-1]:.1g} of the initial energy at t = 2500, at most "
+            f"{np.nanmax(late[times > FRONT]):.1g} since t = 200",
+            bool(np.isfinite(late[-1]) and late[-1] <= np.nanmax(late[times > FRONT])),
+        ),
+    ]
+    return Outcome(rows, pictures=paths, comparisons=compared, settings=_settings(setup["dt"], until=LAST))
 
 
 def cut_off(rcond: float, dt: float) -> float:
@@ -452,6 +506,19 @@ def _disc_counts(reach: int) -> list[Row]:
     ]
 
 
+def _models_compared(rcond: str, runs: Mapping[str, Measured], exact: Sequence[np.ndarray]) -> Comparison:
+    """Comparison of the conditions A and B with figures 11 and 12."""
+    errors = {model: float(runs[f"published {model}, rcond {rcond}"].errors[-1]) for model in "AB"}
+    top = max(float(np.nanmax(np.abs(u))) for u in exact)
+    return Comparison(
+        "figures 11, 12",
+        "condition A on the reference, and reflections of B that can be noticed at t = 40 and 50",
+        f"with rcond {rcond} errors of {errors['A']:.1g} (A) and {errors['B']:.1g} (B) at t = 50, where the largest "
+        f"value shown is {top:.1g}",
+        errors["A"] < min(errors["B"], SHADE * top),
+    )
+
+
 @reproduction(
     "hermann2023-ex2",
     PAPER,
@@ -464,7 +531,8 @@ def _disc_counts(reach: int) -> list[Row]:
 def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the time step is 500 times that of the paper, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
-    whole = Outcome([])
+    compared: list[Comparison] = []
+    whole = Outcome([], comparisons=compared, settings=_settings(dt, 1e-4))
     for reach, names in (
         (6, ("fig11", "fig12", "ex2-errors")),
         (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors")),
@@ -477,7 +545,9 @@ def example_2(folder: Path, full: bool = False) -> Outcome:
         apart = (*shown[:2], next(iter(runs)), "repaired", "Higdon (0, 45)", "lattice PML")
         _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
         mark = f"horizon {reach} spacings: "
-        whole.rows.extend(Row(mark + row.what, row.ours, row.printed, note=row.note) for row in found.rows)
+        whole.rows.extend(replace(row, what=mark + row.what) for row in found.rows)
+        if reach == 6:  # that of the paper
+            compared.append(_models_compared(rcond, runs, exact))
         whole.infinite_error.update({mark + label: value for label, value in found.infinite_error.items()})
         whole.pictures.extend(paths)
     whole.rows.extend(_disc_counts(6))
@@ -525,7 +595,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     "hermann2023-ex3",
     PAPER,
     "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)",
-    "a minute",
+    "30 s",
     full="minutes",
     figures=("fig13", "fig14"),
     readings=OPEN_NOTCHES,
@@ -544,7 +614,8 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         "Higdon (0, 45)": Higdon((0, 45), 0.02),
         "lattice PML": LatticePML(nodes=12),
     }
-    whole, panels = Outcome([]), []
+    whole, panels = Outcome([], settings=_settings(dt, 1e-4)), []
+    late: dict[str, list[float]] = {label: [] for label in conditions}
     for radius, names in (
         (RADIUS, ("fig13", "ex3-differences", "ex3-errors")),
         (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors")),
@@ -566,10 +637,23 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
                     f"radius {radius:g}, {label}, t = {t:g}",
                     float(found.errors[course.index(t)]),
                     note=f"at (20, 10) at most {apart:.2g}" if t == 30 else found.stability * (t == 40),
+                    key=label in SHOWN_NOTCHES[:2],
                 )
                 for t in (30.0, 40.0, 50.0, 70.0)
             )
             whole.infinite_error[f"radius {radius:g}, {label}"] = float(found.errors.max())
+            late[label].append(apart / float(np.nanmax(np.abs(at_probe))))
+            if radius == RADIUS and label == SHOWN_NOTCHES[0]:
+                top = max(float(np.nanmax(np.abs(exact(round(t / dt))))) for t in TIMES)
+                worst = float(max(found.errors[course.index(t)] for t in TIMES))
+                whole.comparisons.append(
+                    Comparison(
+                        "figure 13",
+                        "fields that match the reference very well up to t = 50",
+                        f"with normals along the lattice errors to {worst:.1g}, where the largest value is {top:.1g}",
+                        worst < SHADE * top,
+                    )
+                )
         panels.append((f"radius {radius:g}", [c for c in curves if c[0] in ("large domain", *SHOWN_NOTCHES)]))
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         fields = [exact(round(t / dt)) for t in kept]
@@ -577,9 +661,19 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         whole.pictures.extend(paths)
     whole.pictures.append(folder / "hermann2023-fig14.png")
     curve_panels(panels, whole.pictures[-1], xlabel="$t$", ylabel="$u$ at (20, 10)")
+    near, far = late[SHOWN_NOTCHES[0]]
+    whole.comparisons.append(
+        Comparison(
+            "figure 14",
+            "late deviations at (20, 10) for radius 26, and smaller ones for radius 42",
+            f"with normals along the lattice {100 * near:.2g} % and {100 * far:.2g} % of the largest value",
+            far < near,
+        )
+    )
     return whole
 
 
+ON_THE_LINE = "published, centre and 25 nodes"
 OPEN_LINE = (
     "the matrix of 26 nodes has no finite condition number, and the pseudo-inverse decides: cut off at rounding "
     "(1e-15) it shows figure B1; at 1e-12, as remark 1 implies, and at 1e-10 the error at t = 15 is 1.7 and 2.3 times "
@@ -592,6 +686,7 @@ OPEN_LINE = (
     "hermann2023-appB",
     PAPER,
     "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)",
+    takes="50 s",
     full="minutes",
     figures=("figB1",),
     readings=OPEN_LINE,
@@ -611,7 +706,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     setup = {"lattice": lattice, "model": model, "initial": {"u": lambda x: np.exp(-20 * np.log(2) * x**2)}, "dt": dt}
     line: dict[str, Any] = {"wavenumber": 1.0, "wavenumbers": 10}
     conditions: dict[str, Side] = {
-        "published, centre and 25 nodes": published(0.25, rcond=1e-15, **line),
+        ON_THE_LINE: published(0.25, rcond=1e-15, **line),
         "published, centre and 25 nodes, rcond 1e-12": published(0.25, **line),
         "published, centre and 25 nodes, rcond 1e-10": published(0.25, rcond=1e-10, **line),
         "published, centre and 1 node": published(0.01, rcond=1e-15, **line),
@@ -630,7 +725,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
         outcome.rows.extend(Row(f"{label}, t = {t:g}", float(runs[label].errors[course.index(t)])) for t in times)
         outcome.infinite_error[label] = float(runs[label].errors.max())
     paths = [folder / f"hermann2023-{name}.png" for name in ("figB1", "appB-errors")]
-    shown = ("published, centre and 25 nodes", "Higdon (0, 0)", "exact ends, dt = 0.001")
+    shown = (ON_THE_LINE, "Higdon (0, 0)", "exact ends, dt = 0.001")
     panels = [
         (
             f"$t = {t:g}$",
@@ -644,7 +739,16 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     ]
     curve_panels(panels, paths[0], xlabel="$x$", ylabel="$u$")
     errors_picture(paths[1], course, runs)
-    return Outcome(outcome.rows + counts, outcome.infinite_error, paths)
+    worst = float(max(runs[ON_THE_LINE].errors[course.index(t)] for t in times))
+    first, last = (float(np.abs(u).max()) for u in (exact[0], exact[-1]))
+    compared = Comparison(
+        "figure B1",
+        "pulses with tails of high frequency that leave, in good agreement with the reference",
+        f"with a cloud of 26 nodes differences to {worst:.1g}, where the largest value is {first:.1g} at first and "
+        f"{last:.1g} of the tails at the end",
+        worst < LINE * first,
+    )
+    return Outcome(outcome.rows + counts, outcome.infinite_error, paths, [compared], _settings(dt, 1e-4))
 
 
 @reproduction("hermann2023-fig6", PAPER, "dispersion: numerical, Taylor and local")
@@ -682,4 +786,14 @@ def figure_6(folder: Path) -> Outcome:
             )
             for name, _, y in curves
         ]
-    return Outcome(rows, pictures=[path])
+    closed, coarse, fine, low, high, _ = (y for _, _, y in curves)
+    near = {name: float(np.abs(y - closed).max()) for name, y in (("fine", fine), ("high", high))}
+    off = {name: float(np.abs(y - closed).max()) for name, y in (("coarse", coarse), ("low", low))}
+    compared = Comparison(
+        "figure 6",
+        "fine grids and long series on the dispersion of the continuum, coarse grids and short series far from it",
+        f"largest differences of {near['fine']:.1g} and {near['high']:.1g}, and of {off['coarse']:.1g} and "
+        f"{off['low']:.1g}, where the frequency rises to {closed.max():.2g}",
+        max(near.values()) < SHADE * closed.max() < min(off.values()),
+    )
+    return Outcome(rows, pictures=[path], comparisons=[compared])
