@@ -139,6 +139,10 @@ CASES |= {
     "a band of cracks": (plane(cracks=BAND), [[1, WORLD.size]]),
     "cracks in a solid": (plane(SOLID, initial={"u": [pulse(2), 0.0]}, cracks=CRACKS, balance=True), ALONG_Y),
     "strata": (plane(fh.Wave(KERNEL, "where(y > 0.4, 1.5, 1)", density="1 + 0.5*(x > 1)")), ALONG_Y),
+    "strata that conduct": (
+        plane(fh.Heat(KERNEL, "1 + 0.5*(x > 1)", 2.0, "where(y > 0.4, 1.5, 1)", "rk4"), {"x": FOUR, "y": fh.Free()}),
+        ALONG_X + ALONG_Y,
+    ),
     "constants in arrays": (
         plane(fh.Wave(KERNEL, uneven((47, 49)), density=uneven((47, 49))), fh.Periodic()),
         ALONG_X + ALONG_Y,

@@ -22,6 +22,10 @@ class Threads(Team):
         self._barrier.wait()
         return every
 
+    def passed(self, value, to, of):
+        every = self.gather(value)
+        return None if of < 0 else every[of]
+
     def summed(self, values):
         return np.sum(self.gather(values), axis=0)
 

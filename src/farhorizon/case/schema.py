@@ -338,6 +338,12 @@ class MaterialPart(Part):
     """Wave speed there."""
     density: str | Number | WeibullPart | None = None
     """Density there."""
+    diffusivity: str | Number | WeibullPart | None = None
+    """Diffusivity there."""
+    specific_heat: str | Number | WeibullPart | None = None
+    """Specific heat there."""
+    conductivity: str | Number | WeibullPart | None = None
+    """Thermal conductivity there."""
     critical_stretch: str | Number | WeibullPart | None = None
     """Critical stretch there; a bond breaks when its weaker end would."""
     fracture_energy: str | Number | WeibullPart | None = None

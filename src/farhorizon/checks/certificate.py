@@ -572,7 +572,9 @@ def _proof(sim: Examined) -> str:
         rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (
             np.diff(sim.conditions.starts) > 0
         )
-        bonds = sim.strongest * float(sim.engine.weights.sum())
+        tables = sim.engine.tables
+        lightest = float(tables.material.coefficient.max() * tables.mobility.max()) if tables.mobility.size else 0.0
+        bonds = (lightest or sim.strongest) * float(sim.engine.weights.sum())
         share = sim.dt * (bonds + sim.engine.reaction + float(sim.leak.max(initial=0)) + damped)
         if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
             return (

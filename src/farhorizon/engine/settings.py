@@ -123,7 +123,7 @@ def give_heat_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) ->
 
 def set_density(engine: Engine, density: np.ndarray) -> None:
     """Set the mass of each node of the core relative to a node of the medium, by which its acceleration is divided. It
-    continues beyond the core as at its edge. The older level must outlive a step.
+    continues beyond the core as at its edge. The base of each stage must outlive it.
     """
     engine.replace(mobility=engine.spread(1 / np.asarray(density, float), jointly=True))
 

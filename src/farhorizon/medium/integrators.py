@@ -17,6 +17,10 @@ from farhorizon.files.storable import Storable
 RK4_REAL_LIMIT = 2.785293563405282
 
 
+#: Numbers of the levels (in, base, out) of each stage of a step.
+Rotation = tuple[tuple[int, int, int], ...]
+
+
 @dataclass(frozen=True)
 class Stages:
     """Description of an integrator for the engine.
@@ -34,9 +38,22 @@ class Stages:
     """
 
     levels: int
-    rotation: tuple[tuple[tuple[int, int, int], ...], ...]
+    rotation: tuple[Rotation, ...]
     numbers: tuple[tuple[float, float, float, float], ...]
     increments: bool = False
+
+
+def _turned(rotation: Rotation) -> tuple[Rotation, ...]:
+    """Steps whose result lies in another level than their start: each begins where the previous one ends, and the last
+    ends where the first begins.
+    """
+    order = list(range(1 + max(level for stage in rotation for level in stage)))
+    found: list[Rotation] = []
+    while not found or order != sorted(order):
+        found.append(tuple((order[src], order[base], order[out]) for src, base, out in rotation))
+        result = order[rotation[-1][2]]
+        order = [result, *(level for level in order if level != result)]
+    return tuple(found)
 
 
 class _OneStage:
@@ -75,7 +92,7 @@ class Verlet(_OneStage):
 
     @staticmethod
     def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
-        """Stages of one step; with `lasting`, a third level takes the result, and the older level outlives the step."""
+        """Stages of one step; with `lasting`, a further level takes the result, so that the base outlives its stage."""
         share = damping * dt
         scale = dt**2 / (1 + share)
         if increments:
@@ -146,8 +163,8 @@ class Euler(_OneStage):
         return 2.0 / largest
 
     @staticmethod
-    def stages(dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
-        """Stages of one step."""
+    def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
+        """Stages of one step; the base has no part in it."""
         return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), ((1.0, 0.0, dt, dt),))
 
     @staticmethod
@@ -171,9 +188,11 @@ class RungeKutta4:
         return RK4_REAL_LIMIT / largest
 
     @staticmethod
-    def stages(dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
-        """Stages of one step: u + dt L (u + dt/2 L (u + dt/3 L (u + dt/4 L u)))."""
-        rotation = (((0, 0, 1), (1, 0, 2), (2, 0, 1), (1, 0, 0)),)
+    def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
+        """Stages of one step: u + dt L (u + dt/2 L (u + dt/3 L (u + dt/4 L u))); with `lasting` the base outlives its
+        stage.
+        """
+        rotation = _turned(((0, 0, 1), (1, 0, 2), (2, 0, 1), (1, 0, 2 if lasting else 0)))
         return Stages(3, rotation, tuple((0.0, 1.0, dt / j, dt) for j in (4, 3, 2, 1)))
 
     @staticmethod
@@ -274,21 +293,22 @@ class RungeKuttaChebyshev(Storable):
         w0, w1, _, _ = self._shift()
         return float((1 + w0) / w1 / largest)
 
-    def stages(self, dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
+    def stages(self, dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
         """Stages of one step: the Chebyshev polynomials in levels 1 and 2, the initial values in level 0, which
-        receives the combination.
+        receives the combination. With `lasting` there is one more level, and the base outlives its stage.
         """
         w0, w1, values, _ = self._shift()
+        turns, last = 2 + lasting, self.chebyshev
+        place = [0, *(1 + (j - 1) % turns for j in range(1, last + 2))]
         rotation, numbers = [(0, 0, 1)], [(0.0, 1.0, w1 / w0 * dt, w1 / w0 * dt)]
-        for j in range(2, self.chebyshev + 1):
+        for j in range(2, last + 1):
             scale = 2 * w1 * values[j - 1] / values[j] * dt
-            here = 2 - j % 2
-            rotation.append((3 - here, 0 if j == 2 else here, here))
+            rotation.append((place[j - 1], place[j - 2], place[j]))
             numbers.append((2 * w0 * values[j - 1] / values[j], -values[j - 2] / values[j], scale, scale))
-        start, last = self._mix()
-        rotation.append((2 - self.chebyshev % 2, 0, 0))
-        numbers.append((last, start, 0.0, 0.0))
-        return Stages(3, (tuple(rotation),), tuple(numbers))
+        share = self._mix()
+        rotation.append((place[last], 0, place[last + 1] if lasting else 0))
+        numbers.append((share[1], share[0], 0.0, 0.0))
+        return Stages(turns + 1, _turned(tuple(rotation)), tuple(numbers))
 
     def _times(self) -> np.ndarray:
         """Time of each Chebyshev stage in steps, from the start (0) to the last (about 3, before it is mixed with the

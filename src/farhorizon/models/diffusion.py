@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from farhorizon import kinds
+from collections.abc import Mapping
+from typing import Any
+
 from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import LatticeModel, first_order
+from farhorizon.models.model import Constant, LatticeModel, first_order, material_constant
 
 
 class Diffusion(LatticeModel):
     r"""Peridynamic or classical diffusion, :math:`u_t = \chi^2 L u + s`.
 
+    Where the diffusivity varies, that of a bond follows from those of its two ends (`Simulation`, `rule`): the operator
+    is that of :math:`\nabla\cdot(\chi^2\,\nabla u)`.
+
     Parameters
     ----------
     operator : Kernel or Stencil
-    diffusivity : float
-        Diffusivity :math:`\chi^2` of long waves (length^2 / time).
+    diffusivity : float, str, ndarray or callable
+        Diffusivity :math:`\chi^2` of long waves (length^2 / time); for a varying medium, an expression or a function of
+        the coordinates, or the values at the nodes.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
         Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised Runge-Kutta-Chebyshev method
         of second order, for long runs.
@@ -35,10 +41,16 @@ class Diffusion(LatticeModel):
     True
     """
 
+    diffusivity: Any
+    constants = ("diffusivity",)
+
     def __init__(
-        self, operator: Kernel | Stencil, diffusivity: float = 1.0, integrator: str | Integrator = "euler"
+        self, operator: Kernel | Stencil, diffusivity: Constant = 1.0, integrator: str | Integrator = "euler"
     ) -> None:
         super().__init__(operator)
-        varies = "the largest; coefficient=diffusivity/largest of Simulation varies it"
-        self.coefficient = self.diffusivity = kinds.number(diffusivity, "model.diffusivity", above=0, remedy=varies)
+        self._set(diffusivity=material_constant(diffusivity, "model.diffusivity"))
         self.integrator = first_order(integrator)
+
+    @staticmethod
+    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+        return constants["diffusivity"], 1.0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from farhorizon import kinds
 from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import LatticeModel, first_order
+from farhorizon.models.model import Constant, LatticeModel, first_order, material_constant
 
 SELF_TERMS = ("centre", "neighbour", "none")
 
@@ -18,20 +20,22 @@ SELF_TERMS = ("centre", "neighbour", "none")
 class Heat(LatticeModel):
     r"""Peridynamic or classical heat conduction, :math:`\rho c\,T_t = \int k(r)\,\frac{T' - T}{r^2}\,dV' + w`.
 
-    The field u is the temperature; sources are powers per volume w(x, t). Any consistent units may be used.
+    The field u is the temperature; sources are powers per volume w(x, t). Any consistent units may be used. Where the
+    medium varies, the conductivity of a bond follows from those of its two ends (`Simulation`, `rule`), and each node
+    has its own heat capacity: the operator is that of :math:`\nabla\cdot(\kappa\,\nabla T)`.
 
     Parameters
     ----------
     operator : Kernel or Stencil
         The micro-conductivity k: influence "constant" or "linear" (triangular) with exponent 2 corresponds to the
         paper.
-    density : float
-        Mass per volume :math:`\rho`; positive.
-    specific_heat : float
-        Energy per mass and temperature, c; positive.
-    conductivity : float
-        Power per length and temperature, :math:`\kappa`; positive. The `coefficient` of `Simulation` multiplies it node
-        by node.
+    density : float, str, ndarray or callable
+        Mass per volume :math:`\rho`; positive. For a varying medium, an expression or a function of the coordinates, or
+        the values at the nodes.
+    specific_heat : float, str, ndarray or callable
+        Energy per mass and temperature, c; given like `density`.
+    conductivity : float, str, ndarray or callable
+        Power per length and temperature, :math:`\kappa`; given like `density`.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
     self_term : {"centre", "neighbour", "none"}
         Contribution of the cell of a node itself to the integral over its family: the micro-conductivity at its
@@ -55,27 +59,37 @@ class Heat(LatticeModel):
     >>> steel = fh.Heat(fh.Kernel(3e-3), density=7850.0, specific_heat=490.0, conductivity=43.0)
     >>> round(steel.coefficient * 1e6, 3)  # diffusivity in mm^2/s
     11.179
+    >>> coated = fh.Heat(fh.Kernel(3e-3), "where(x < 0.01, 7850, 2500)", 490.0, "where(x < 0.01, 43, 1.4)")
     """
+
+    density: Any
+    specific_heat: Any
+    conductivity: Any
+    constants = ("density", "specific_heat", "conductivity")
 
     def __init__(
         self,
         operator: Kernel | Stencil,
-        density: float = 1.0,
-        specific_heat: float = 1.0,
-        conductivity: float = 1.0,
+        density: Constant = 1.0,
+        specific_heat: Constant = 1.0,
+        conductivity: Constant = 1.0,
         integrator: str | Integrator = "euler",
         self_term: str = "centre",
     ) -> None:
         super().__init__(operator)
-        self.density = kinds.number(density, "model.density", above=0)
-        self.specific_heat = kinds.number(specific_heat, "model.specific_heat", above=0)
-        varies = "the largest; coefficient=conductivity/largest of Simulation varies it"
-        self.conductivity = kinds.number(conductivity, "model.conductivity", above=0, remedy=varies)
+        given = {"density": density, "specific_heat": specific_heat, "conductivity": conductivity}
+        self._set(**{name: material_constant(value, f"model.{name}") for name, value in given.items()})
         self.self_term = kinds.one_of(self_term, "model.self_term", SELF_TERMS, "unknown self term")
         self.integrator = first_order(integrator)
-        self.heat_capacity: float = self.density * self.specific_heat
-        self.coefficient = self.conductivity / self.heat_capacity
-        self.source_factor = 1 / self.heat_capacity
+
+    @staticmethod
+    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+        capacity = constants["density"] * constants["specific_heat"]
+        return constants["conductivity"] / capacity, capacity
+
+    def _set(self, **constants: Any) -> None:
+        super()._set(**constants)
+        self.heat_capacity = float("nan") if self.varying else float(self.density * self.specific_heat)
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Return the dimensionless stencil on a lattice, with the self term included in the weights of the nearest

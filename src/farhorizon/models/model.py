@@ -101,7 +101,7 @@ class LatticeModel:
     warm : bool
         Whether temperature strains it, see `heated`.
     heat_capacity : float or None
-        Heat per volume and temperature, if its field is a temperature.
+        Heat per volume and temperature, if its field is a temperature; nan where it varies.
     of_temperature : LatticeModel or None
         The model of the temperature, if this is its second field; None if there is only one field.
     speed_ratio : float
@@ -109,6 +109,9 @@ class LatticeModel:
     target : float
         Target error of the sides unless they are given one: for waves relative to the largest value, for diffusion
         relative to the largest value at the same time.
+    constants : tuple of str
+        Names of the constants of its material that may vary from node to node, and from which `medium_of` derives what
+        the operator needs.
     others : dict of str to str
         What to do instead of passing some arguments of other models, for messages.
     tag : str
@@ -144,6 +147,7 @@ class LatticeModel:
     of_temperature: LatticeModel | None = None
     speed_ratio: float = 1.0
     target: float = 1e-5
+    constants: ClassVar[tuple[str, ...]] = ()
     others: ClassVar[Mapping[str, str]] = {}
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[LatticeModel]]] = {}
@@ -214,7 +218,8 @@ class LatticeModel:
     @property
     def varying(self) -> dict[str, Any]:
         """Constants of the material that vary from node to node, by name, in the form in which they were given."""
-        return {}
+        given = {name: getattr(self, name) for name in self.constants}
+        return {name: value for name, value in given.items() if not isinstance(value, float)}
 
     @property
     def uneven(self) -> dict[str, Any]:
@@ -223,7 +228,23 @@ class LatticeModel:
 
     def with_constants(self, constants: Mapping[str, Any]) -> Self:
         """The same model with other values of the constants in `varying`."""
-        return self
+        model = copy.copy(self)
+        model._set(**{name: constants.get(name, getattr(self, name)) for name in self.constants})
+        return model
+
+    def _set(self, **constants: Any) -> None:
+        """Set all `constants`, and what follows from them unless some of them vary."""
+        vars(self).update(constants)
+        if constants and not self.varying:
+            self.coefficient, density = self.medium_of(constants)
+            self.source_factor = 1 / density
+
+    @staticmethod
+    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+        """The squared speed, or diffusivity, and the density of a scalar medium of given `constants`: the mass or heat
+        capacity per volume by which what acts on a node is divided.
+        """
+        raise NotImplementedError
 
     @classmethod
     def check_constant(cls, name: str, values: np.ndarray, key: str) -> None:
@@ -252,11 +273,23 @@ class LatticeModel:
         values : mapping of str to ndarray
             Values at the nodes of each of the constants in `varying`.
         """
-        return []
+        if not self.constants:
+            return []
+        constants = self._at_nodes(values)
+        return [(self.medium_of(constants)[0], constants)]
 
     def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
         """Variation of the medium relative to this model, which is uniform; see `ordered`."""
-        return Variation()
+        if not self.constants:
+            return Variation()
+        squared, density = self.medium_of(self._at_nodes(values))
+        heavier = density * self.source_factor
+        return Variation(heavier * (squared / self.coefficient), heavier if np.ndim(density) else None)
+
+    def _at_nodes(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """All `constants` at the nodes, given those that vary."""
+        found = np.broadcast_arrays(*(values.get(name, getattr(self, name)) for name in self.constants))
+        return dict(zip(self.constants, found, strict=True))
 
     def of_ratio(self, lame: float) -> LatticeModel:
         """The same solid with another ratio of Lame's constant to the P modulus; for other models the model itself."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any, ClassVar
-
-import numpy as np
 
 from farhorizon import kinds
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.medium.variation import Variation
-from farhorizon.models.model import Constant, LatticeModel, Ordered, material_constant
+from farhorizon.models.model import Constant, LatticeModel, material_constant
 
 
 class Wave(LatticeModel):
@@ -49,6 +45,7 @@ class Wave(LatticeModel):
 
     speed: Any
     density: Any
+    constants = ("speed", "density")
     others: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("young", "poisson", "bulk", "shear"), "a solid is an Elastic; a Wave has one speed"
     )
@@ -59,37 +56,13 @@ class Wave(LatticeModel):
         super().__init__(operator)
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.integrator = Verlet()
-        self._set(material_constant(speed, "model.speed"), material_constant(density, "model.density"))
+        self._set(speed=material_constant(speed, "model.speed"), density=material_constant(density, "model.density"))
 
-    def _set(self, speed: Any, density: Any) -> None:
-        self.speed, self.density = speed, density
-        if not self.varying:
-            self.coefficient, self.source_factor = speed**2, 1 / density
-
-    @property
-    def varying(self) -> dict[str, Any]:
-        """The speed, the density, or both, if they vary."""
-        given = {"speed": self.speed, "density": self.density}
-        return {name: value for name, value in given.items() if not isinstance(value, float)}
+    @staticmethod
+    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+        return constants["speed"] ** 2, constants["density"]
 
     @property
     def speeds(self) -> dict[str, float]:
         """The speed of long waves."""
         return {"long waves": self.speed}
-
-    def with_constants(self, constants: Mapping[str, Any]) -> Wave:
-        """The same model with another speed or density."""
-        model = copy.copy(self)
-        model._set(constants.get("speed", self.speed), constants.get("density", self.density))
-        return model
-
-    def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
-        """Nodes are ordered by speed."""
-        speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
-        return [(speed, {"speed": speed, "density": density})]
-
-    def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
-        """Variation of speed and density relative to this model."""
-        speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
-        heavier = density / self.density
-        return Variation(heavier * (speed / self.speed) ** 2, heavier)

@@ -179,10 +179,12 @@ class FlowBalance:
         """Sums of the field over the free nodes in the box of this process: "stored", and for corrosion "metal" and
         "dissolved".
         """
-        values = self.grid.view(self.grid.engine.current).reshape(self.near.lattice.shape)
+        values = self.grid.view(self.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
+        if self.near.density is not None:
+            values = values * self.near.density
 
         def total(where: np.ndarray, level: float = 0.0) -> float:
-            return math.fsum(values[self._free & where].astype(float) + level)
+            return math.fsum(values[self._free & where] + level)
 
         solid = None if self.phases is None else self.phases.solid
         phases = {} if solid is None else {"metal": solid, "dissolved": ~solid}

@@ -19,7 +19,6 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
-from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
@@ -213,11 +212,9 @@ def make_grid(
     offsets[:, lead:] = bonds[0]
     layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
-    if isinstance(model.integrator, Verlet):
-        light = near.density is None and not model.drag  # otherwise the older level is read after the forces
-        stages = model.integrator.stages(near.dt, model.damping, lattice.dim == 1 and light, setup.lasting or not light)
-    else:
-        stages = model.integrator.stages(near.dt, model.damping)
+    light = near.density is None and not model.drag  # otherwise the base of a stage is read after the forces
+    alone = lattice.dim == 1 and light
+    stages = model.integrator.stages(near.dt, model.damping, alone, setup.lasting or not light)
     grown = None
     if near.variation.of_bonds is not None:
         grown = _over_core(near.variation.of_bonds, margins)
@@ -309,5 +306,5 @@ def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, va
     engine, block = grid.engine, grid.engine.core
     m = block.reach[axis]
     strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
-    for level in engine.levels[: 3 - engine.stages.increments]:
+    for level in engine.levels[: len(engine.levels) - engine.stages.increments]:
         block.all(level)[strip] = value - near.background

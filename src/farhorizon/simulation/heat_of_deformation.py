@@ -87,12 +87,15 @@ class HeatOfDeformation(HeatInSteps):
         self._power = self._released(traces, self._traces)
         super().follow(step)
         if self._beyond is not None:
-            self._beyond.heat_up(-self._zero / self._capacity * (beyond - self._traces_beyond))
+            per_heat = self._heat.parts.near.model.source_factor
+            self._beyond.heat_up(-self._zero * per_heat * (beyond - self._traces_beyond))
         self._traces, self._traces_beyond = traces, beyond
 
     @property
-    def _capacity(self) -> float:
-        return float(1 / self.load.temperature.model.source_factor)
+    def _capacity(self) -> np.ndarray:
+        """Heat capacity per volume at each node of the near field."""
+        near = self._heat.parts.near
+        return np.asarray((1.0 if near.density is None else near.density) / near.model.source_factor)
 
     @property
     def coupled(self) -> bool:
@@ -102,7 +105,7 @@ class HeatOfDeformation(HeatInSteps):
         """Energy of the temperature, half a step ago: ``rho c theta theta^- / 2 T0``."""
         product = self.near.inside((self._now - self._zero) * (self._before - self._zero))
         volume = self.near.lattice.spacing**self.near.lattice.dim
-        return {"thermal": float(volume * self._capacity / (2 * self._zero) * product.sum())}
+        return {"thermal": float(volume / (2 * self._zero) * (self._capacity * product).sum())}
 
     def _check_heat(self, changed: np.ndarray, step: int) -> None:
         """Check that no heat flows to where bonds ignore it in whole or in part, so that thermal strains would be

@@ -188,7 +188,7 @@ class NearField:
         """Rate at which each node loses its value to the surroundings of the body, of the lattice's shape; empty if no
         node does.
         """
-        return _leak(self.model, self.conditions.leaks)
+        return _leak(self.model, self.conditions.leaks, self.density)
 
     @cached_property
     def hidden(self) -> np.ndarray | None:
@@ -297,7 +297,7 @@ def near_field(
     conditions = _resolve(setup, stencil, factor, team)
     if whole is None:
         pace = pace_in(setup, decompose(lattice.shape, 1, stencil.reach, {}, wrapping(sides)), stencil, variation)
-        leak = float(_leak(model, conditions.leaks).max(initial=0))
+        leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
         whole = Extremes(_rate_limit(setup, stencil, pace, leak, stiffer), pace)
     rate = whole.rate_limit
     coupling = _coupling(setup, stencil, variation)
@@ -344,7 +344,8 @@ def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer:
     variation = host.beside(replace(setup, lattice=part.lattice)).times(node_factor(part))
     pace = pace_in(part, boxes, stencil, variation, team)
     conductivity = _conductivity(host.model, variation.stiffness)
-    leak = _leak(host.model, losses(setup.constraints, part.lattice, team.gather, stencil, conductivity))
+    lost = losses(setup.constraints, part.lattice, team.gather, stencil, conductivity)
+    leak = _leak(host.model, lost, variation.density)
     return Extremes(_rate_limit(part, stencil, pace, team.largest(float(leak.max(initial=0))), stiffer), pace)
 
 
@@ -361,9 +362,11 @@ def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 
-def _leak(model: LatticeModel, losses: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
+def _leak(model: LatticeModel, losses: Sequence[tuple[int, np.ndarray]], density: np.ndarray | None) -> np.ndarray:
     leaks = [leak for _, leak in losses]
-    return model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
+    if not leaks:
+        return np.zeros(0)
+    return model.source_factor * sum(leaks[1:], leaks[0]) / (1.0 if density is None else density)
 
 
 def _conductivity(model: LatticeModel, factor: np.ndarray | None) -> np.ndarray | float:
@@ -398,7 +401,8 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
         strained *= setup.model.strongest if variation.stiffness is None else float(variation.stiffness.max())
     else:
         strained = lattice.dim * float((lattice.dim * np.maximum(*lame) + 2 * lame[1]).max())
-    stiffening = load.reference * float((expansion**2).max()) * strained * load.temperature.model.source_factor
+    capacity = (1.0 if alone.density is None else alone.density) / alone.model.source_factor
+    stiffening = load.reference * float((expansion**2 / capacity).max()) * strained
     return Coupling(stiffening, strained, alone.rate_limit, alone.dt, alone.model.integrator)
 
 

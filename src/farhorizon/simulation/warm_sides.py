@@ -133,8 +133,12 @@ class WarmNodes:
         return values[self._places]
 
     def heat_up(self, released: np.ndarray) -> None:
-        """Warm these nodes by the heat that deformation releases in a step, given per unit of expansion."""
-        self.heat.current[self._of_heat] += self._expansion * released
+        """Warm these nodes by the heat that deformation releases in a step, per unit of expansion and over the model's
+        heat capacity.
+        """
+        mobility = self.heat.tables.mobility
+        lighter = mobility[self._of_heat] if mobility.size else 1.0
+        self.heat.current[self._of_heat] += self._expansion * released * lighter
 
 
 def _beyond(grid: Grid) -> np.ndarray:
