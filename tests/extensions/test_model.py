@@ -157,7 +157,7 @@ def test_what_was_left_out_is_named_before_any_work(page):
     with pytest.raises(fh.InputError, match=r"Forgetful has not kept .*integrator, strength.*self.integrator = "):
         fh.Simulation(fh.Lattice(1.0, -9, 9), Forgetful(fh.Kernel(2.0)))
     model = page["KleinGordon"](fh.Kernel(2.0))
-    for name, bad in (("coefficient", -1.0), ("integrator", "verlet"), ("reaction", -1.0)):
+    for name, bad in (("coefficient", -1.0), ("integrator", "verlet"), ("reaction", "heavy")):
         broken = page["KleinGordon"](fh.Kernel(2.0))
         setattr(broken, name, bad)
         with pytest.raises(fh.InputError, match=rf"model.{name}"):

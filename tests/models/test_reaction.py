@@ -386,7 +386,7 @@ def test_what_does_not_know_it_refuses():
     stencil = fh.Stencil.finite_difference(2).with_reaction(0.5)
     with pytest.raises(fh.InputError, match=r"metal that dissolves has no reaction"):
         fh.Simulation(lattice, fh.Corrosion(stencil, saturation=0.5), fh.Fixed())
-    for bad in (-1.0, np.nan, "heavy"):
+    for bad in (np.nan, "heavy"):
         with pytest.raises(fh.InputError, match=r"reaction"):
             fh.Stencil([[1], [-1]], [1, 1], bad)
         model.reaction = bad
@@ -403,3 +403,100 @@ def test_a_stencil_brings_its_own():
     assert both.engine.reaction == pytest.approx(2.0)
     assert stencil != stencil.with_reaction(0.5) and stencil.along(0) == stencil and "reaction=0.25" in repr(stencil)
     assert float(stencil.symbol(0.0)) == 0.25 and stencil.symbol_maximum == pytest.approx(4.25)
+
+
+# --- growth ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4", RungeKuttaChebyshev(5)], ids=str)
+def test_a_negative_reaction_is_growth(integrator):
+    """White noise in a box, by the modes of its matrix: the long ones grow, the others decay; the balance says from
+    what.
+    """
+    rng, lattice, rate = np.random.default_rng(SEED), fh.Lattice(1.0, (0.0, 0.0), (7.0, 6.0)), 0.7
+    print(f"seed {SEED}")
+    u = rng.standard_normal(lattice.shape)
+    model = decaying(fh.Kernel(2.0), 1.3, -rate, integrator)
+    sim = fh.Simulation(lattice, model, fh.Free(), {"u": u}, balance=True)
+    stencil = fh.Diffusion(fh.Kernel(2.0)).stencil(1.0, 2)
+    rates, modes = np.linalg.eigh(-1.3 * dense_operator(lattice.shape, stencil.offsets, stencil.weights))
+    growth = model.integrator.growth(rates - rate, sim.dt)
+    assert growth[0] > 1 > growth[-1] and sim.growth == pytest.approx(rate)
+    sim.step(60)
+    expected = (modes @ (growth**60 * (modes.T @ u.ravel()))).reshape(lattice.shape)
+    np.testing.assert_allclose(sim.fields["u"], expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    found = sim.balance()
+    assert found["reaction"] == pytest.approx(found["stored"], rel=1e-11)
+
+
+def test_waves_of_an_imaginary_mass_grow():
+    """Those longer than ``2 pi speed / mass``; each by the scheme's own factor, to the finite time step."""
+    lattice, mass, n = fh.Lattice(1.0, 0.0, 31.0), 0.4, 32
+    model = fh.Wave(fh.Stencil.finite_difference(1).with_reaction(-(mass**2)))
+    for waves, grows in ((1, True), (3, False)):
+        mode = np.cos(2 * np.pi * waves * np.arange(n) / n)
+        sim = fh.Simulation(lattice, model, fh.Periodic(), {"u": mode})
+        squared = 4 * np.sin(np.pi * waves / n) ** 2 - mass**2
+        sim.step(80)
+        expected = np.cosh(80 * 2 * np.arcsinh(sim.dt / 2 * np.sqrt(abs(squared)))) if grows else None
+        if grows:
+            np.testing.assert_allclose(sim.fields["u"], expected * mode, rtol=0, atol=1e-11 * expected)
+        assert (np.abs(sim.fields["u"]).max() > 2) == grows
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_growth_of_the_medium_is_no_instability(order):
+    """The certificate leaves it out, a note says so, and a run goes on for as long as numbers are finite."""
+    stencil = fh.Kernel(2.0)
+    model = decaying(stencil, rate=-1.0) if order == 1 else massive(stencil)
+    model.reaction = -1.0
+    sim = fh.Simulation(box(9, 2), model, {"x": fh.Free(), "y": fh.Fixed()}, {"u": bell(2.0)})
+    found = sim.certificate()
+    assert (
+        found.verdict == "certified" and "apart from the growth of the medium itself, 1 per unit time" in found.reason
+    )
+    assert any("the medium grows by itself, e-fold in t = 1" in note for note in sim.notes)
+    sim.run(until=80.0, progress=False)  # a factor of e^80 in a medium without ends
+    assert 1e25 < np.abs(sim.fields["u"]).max() < np.inf
+    sim.engine.current[:] *= 1e40
+    with pytest.raises(fh.UnstableError):
+        sim.run(until=81.0, progress=False)
+
+
+def test_with_held_nodes_the_modes_without_growth_are_examined():
+    model = decaying(fh.Kernel(2.0), rate=-0.5)
+    sim = fh.Simulation(box(9, 2), model, fh.Free(), {"u": 0.0}, constraints=[fh.Temperature("x-", 1.0)])
+    assert sim.certificate().verdict == "certified"
+
+
+def test_a_step_just_below_the_limit_of_growth_is_stable():
+    """The largest rate is at least the growth, which Euler's method then follows to a factor below 3."""
+    model = decaying(fh.Kernel(2.0), rate=-30.0)
+    sim = fh.Simulation(box(9, 1), model, fh.Periodic(), {"u": 1.0})
+    assert sim.step_limit < 2 / 30.0
+    sim.step()
+    np.testing.assert_allclose(sim.fields["u"], 1 + 30 * sim.dt, rtol=1e-13)
+
+
+@pytest.mark.parametrize("side", [fh.LatticePML(nodes=5), fh.Extended(nodes=20), fh.Sponge(), fh.Auto(), fh.Exact()])
+def test_no_side_absorbs_in_a_medium_that_grows(side):
+    model, dim = decaying(fh.Kernel(2.0), rate=-0.5), 1 if isinstance(side, fh.Exact) else 2
+    with pytest.raises(fh.InputError, match=r"grows.*value: reaction -0.5; limit: .*remedy: Fixed, Free or Periodic"):
+        fh.Simulation(box(9, dim), model, {"all": fh.Free(), "x-": side} if dim > 1 else side)
+
+
+def test_check_tells_the_waves_of_a_source_in_a_medium_that_grows():
+    """The longest do not oscillate: they have no frequency."""
+    model, source = massive(fh.Kernel(2.0)), fh.PointSource((0.0,), time=fh.Ricker(0.1))
+    model.reaction = -0.3
+    held = fh.Prescribed([(3.0,), (4.0,)], "sin(t)")
+    sim = fh.Simulation(box(15), model, fh.Free(), sources=[source], constraints=[held])
+    with np.errstate(all="raise"):
+        assert "wavelengths" in str(sim.check(until=30.0))
+
+
+def test_vectors_have_no_growth():
+    model = fh.Elastic(fh.Kernel(2.0), 1.0)
+    model.reaction = -0.5
+    with pytest.raises(fh.InputError, match=r"model.reaction"):
+        fh.Simulation(box(9, 2), model, fh.Free())

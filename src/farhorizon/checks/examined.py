@@ -53,6 +53,8 @@ class Examined(Timed, Protocol):
         of waves).
     strongest, weakest : float
         Largest squared speed relative to that of the model, and the smallest one that is not zero.
+    growth : float
+        Rate (1/time) at which the medium itself lets a uniform field grow, by a negative reaction.
     varied : bool
         Whether the medium varies from node to node.
     field_shape : tuple of int
@@ -94,6 +96,7 @@ class Examined(Timed, Protocol):
     fastest_rate: float
     strongest: float
     weakest: float
+    growth: float
     varied: bool
     field_shape: tuple[int, ...]
     start_u: np.ndarray

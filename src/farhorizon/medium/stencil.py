@@ -59,13 +59,14 @@ class Stencil(Storable):
         r, the coefficient with which a node's own value is drawn back, scaled like the weights: the squared mass of a
         Klein-Gordon field, the stiffness of an elastic foundation, the rate of a decay. A coefficient that varies from
         node to node applies to the bonds and does not affect r. A symmetric matrix where the components are drawn back
-        differently, as rotations of nodes are.
+        differently, as rotations of nodes are. That of a scalar may be negative, which is growth.
 
     Raises
     ------
     InputError
         Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (for
-        matrices the transpose), a negative reaction (a matrix that is not symmetric or has a negative eigenvalue).
+        matrices the transpose), a negative reaction of vectors (a matrix that is not symmetric or has a negative
+        eigenvalue).
 
     Examples
     --------
@@ -143,8 +144,8 @@ class Stencil(Storable):
 
     @property
     def strongest_reaction(self) -> float:
-        """Largest value, or eigenvalue, of the reaction."""
-        return float(np.linalg.eigvalsh(self.reaction)[-1]) if np.ndim(self.reaction) else float(self.reaction)
+        """Largest magnitude of the reaction, or of its eigenvalues."""
+        return float(np.linalg.eigvalsh(self.reaction)[-1]) if np.ndim(self.reaction) else abs(float(self.reaction))
 
     @cached_property
     def signs(self) -> np.ndarray:
@@ -427,7 +428,7 @@ def _reaction(given: Any, components: int) -> Any:
     """Return the checked reaction: a number, or a symmetric matrix for a field of several components."""
     several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
     if components == 1 or not several:
-        return kinds.number(given, "stencil.reaction", least=0)
+        return kinds.number(given, "stencil.reaction", least=None if components == 1 else 0)
     matrix = kinds.array(given, "stencil.reaction")
     size = np.abs(matrix).max(initial=0)
     if (

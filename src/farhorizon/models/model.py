@@ -85,8 +85,8 @@ class LatticeModel:
     drag : float
         Rate at which the velocity of a node relaxes towards the mean of its neighbours (1/time).
     reaction : float
-        r in ``- r (u - background)`` on the right-hand side, in 1/time or, for second-order models, 1/time^2; not
-        negative.
+        r in ``- r (u - background)`` on the right-hand side, in 1/time or, for second-order models, 1/time^2. A
+        negative one, of scalar fields, is growth, for which no side absorbs.
     integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
     source_factor : float
         Factor on sources: 1, or the factor that converts power into a rate of temperature.
@@ -408,12 +408,12 @@ class LatticeModel:
         Raises
         ------
         InputError
-            As in `stencil`; a negative reaction.
+            As in `stencil`; a negative reaction of a field of several components.
         """
         if self._given is not None:
             return self._given.beside(self._stronger)
         bonds = self.stencil(spacing, dim).beside(self._stronger)
-        reaction = kinds.number(self.reaction, "model.reaction", least=0)
+        reaction = kinds.number(self.reaction, "model.reaction", least=None if bonds.components == 1 else 0)
         more = reaction * spacing**2 / self.coefficient
         return bonds.with_reaction(bonds.reaction + more * (np.eye(bonds.components) if np.ndim(bonds.reaction) else 1))
 

@@ -367,6 +367,8 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     depth = around.depth(stencil, lattice.spacing, lattice.shape)
     beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
     beyond.notes += near.conditions.notes + around.doubts + around.notes + jumps(setup, near)
+    if near.growth:
+        beyond.notes.append(f"the medium grows by itself, e-fold in t = {1 / near.growth:.3g}, and so do all errors")
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
     for values, called in ((near.factor, name), (near.density, "the density"), (lattice.existing, "the body")):
         if values is not None:

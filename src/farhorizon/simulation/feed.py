@@ -16,6 +16,7 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
+_LARGEST_POWER = 700.0  # of e that is a finite number
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class Feed:
         if not self.drives and not held.nodes.size:
             nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
             engine.advance(steps, np.zeros(0, np.int64), nothing, still, self._prescribed(step, steps))
+            self._grow(steps)
             yield Batch(steps, np.zeros(0, np.int64), nothing, still)
             return
         integrator = near.model.integrator
@@ -125,8 +127,13 @@ class Feed:
             explained = _largest(strength, amplitudes) * n * near.dt
             self.scale += explained * ((step + n) * near.dt if near.model.order == 2 else 1.0)
             self.scale = max(self.scale, _largest(values, times))
+            self._grow(n)
             yield Batch(n, places, strength, amplitudes)
             step += n
+
+    def _grow(self, steps: int) -> None:
+        """Let the scale grow as the medium itself does in some steps."""
+        self.scale *= float(np.exp(min(self.near.growth * steps * self.near.dt, _LARGEST_POWER)))
 
     def _prescribed(self, step: int, steps: int) -> np.ndarray | None:
         """Return the values of prescribed nodes after each of the next steps; None if there are no such nodes."""

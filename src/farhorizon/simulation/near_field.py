@@ -109,6 +109,13 @@ class NearField:
         return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.pace)
 
     @property
+    def growth(self) -> float:
+        """Rate (1/time) at which the medium itself lets a uniform field grow: that of a negative reaction."""
+        drawn = -float(self.stencil.reaction) if self.stencil.components == 1 else 0.0
+        rate = max(drawn, 0.0) * self.model.coefficient / self.lattice.spacing**2
+        return rate if self.model.order == 1 else float(np.sqrt(rate))
+
+    @property
     def closing_rate(self) -> float:
         """Contribution to the largest rate of absent bonds that can close, in a material with states."""
         return self.model.coefficient / self.lattice.spacing**2 * self.pace.closing

@@ -200,7 +200,7 @@ class Simulation(Run):
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
-        self.varied = bool(parts.start.solid.any()) or near.varies
+        self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
         self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, list(around.doubts)
         if around.undesigned:

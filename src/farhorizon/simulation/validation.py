@@ -162,7 +162,7 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
             remedy="positive weights for an operator such as a second derivative",
         )
     if stencil.strongest_reaction:
-        _check_reaction(setup, sides, stencil.strongest_reaction)
+        _check_reaction(setup, sides, stencil)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
         if n < 2 * m + 1 and not sides[axis, -1].periodic:
@@ -236,10 +236,20 @@ def _check_vector(setup: Setup, sides: Sides) -> None:
             )
 
 
-def _check_reaction(setup: Setup, sides: Sides, reaction: float) -> None:
+def _check_reaction(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse what a medium with a reaction does not support."""
-    model, value = setup.model, f"reaction {reaction * setup.model.coefficient / setup.lattice.spacing**2:g}"
+    model, grows = setup.model, not np.ndim(stencil.reaction) and stencil.reaction < 0
+    reaction = (-1 if grows else 1) * stencil.strongest_reaction
+    value = f"reaction {reaction * model.coefficient / setup.lattice.spacing**2:g}"
     for key, boundary in sides.items():
+        if grows and boundary.endless:
+            raise InputError(
+                f"{type(boundary).__name__} continues a medium in which what is small beyond the side grows, too",
+                value=value,
+                key=f"boundary.{side_name(*key)}",
+                limit="a reaction >= 0 beside sides that absorb",
+                remedy="Fixed, Free or Periodic, far enough away",
+            )
         if not boundary.reactive:
             raise InputError(
                 f"{type(boundary).__name__} does not support media with a reaction",

@@ -114,13 +114,18 @@ def gain_of_time(
     rate : float
         Speed over spacing.
     lowest : float
-        Squared frequency of the longest waves.
+        Squared frequency of the longest waves; if it is negative they grow, and do not oscillate.
     """
     moments = np.linspace(0, until, _MOMENTS)
     values = np.array([time(float(t)) for t in moments])
     amplitudes = np.abs(np.fft.rfft(values, 2 * _MOMENTS))
     frequencies = 2 * np.pi * np.fft.rfftfreq(2 * _MOMENTS, moments[1])
-    return lambda number: np.interp(np.sqrt((rate * number) ** 2 + lowest), frequencies, amplitudes, right=0.0)
+
+    def gain(number: np.ndarray) -> np.ndarray:
+        own = np.sqrt(np.maximum((rate * number) ** 2 + lowest, 0.0))
+        return np.asarray(np.interp(own, frequencies, amplitudes, right=0.0))
+
+    return gain
 
 
 def gain_of_spectrum(
@@ -141,7 +146,7 @@ def gain_of_spectrum(
     """
 
     def gain(number: np.ndarray) -> np.ndarray:
-        frequency = np.sqrt((rate * number) ** 2 + lowest) / (2 * np.pi)
+        frequency = np.sqrt(np.maximum((rate * number) ** 2 + lowest, 0.0)) / (2 * np.pi)
         return np.abs(spectrum(np.maximum(frequency, 1 / longest)))
 
     return gain
