@@ -70,6 +70,7 @@ from farhorizon.inputs.thermal_loads import ThermalLoad as ThermalLoad
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials
+from farhorizon.medium.of_field import OfField as OfField
 from farhorizon.medium.scatter import Weibull as Weibull
 from farhorizon.medium.stencil import Stencil as Stencil
 from farhorizon.models import Beam as Beam

@@ -29,6 +29,7 @@ from farhorizon.case.schema import (
 )
 from farhorizon.errors import InputError, suggestion
 from farhorizon.geometry.lattice import AXES
+from farhorizon.medium.of_field import names_field
 from farhorizon.simulation.setup import keys
 
 
@@ -178,6 +179,8 @@ def _source(part: Part, key: str, read: Values) -> Any:
     given = {"time": of_time(dict(part)["time"], f"{key}.time")} if "time" in part.model_fields_set else {}
     if not isinstance(part, SourcePart):
         return built(part, source_kinds(), key, **given)
+    if names_field(part.value) and not given:
+        return part.value
     value = read.expression(part.value, f"{key}.value")
     return fh.Source(value, **given) if given else value
 

@@ -314,6 +314,11 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
         )
         still = " and nothing heats" if any(getattr(load, "coupled", False) for load in sim.given["loads"]) else ""
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks{still}")
+    if sim.of_field:
+        still = sim.given["model"].at_background
+        given = {name: sim.given[name] for name in ("boundary", "coefficient", "dt")}
+        found = certify(sim.remade(model=still, sources=(), **given), budget, until, brief)
+        return replace(found, reason=f"{found.reason}; that of the linear form, as at the background, without sources")
     if sim.growth:
         still = sim.given["model"].with_stencil(sim.stencil.with_reaction(0.0))
         given = {name: sim.given[name] for name in ("boundary", "coefficient", "dt")}

@@ -55,6 +55,8 @@ class Examined(Timed, Protocol):
         Largest squared speed relative to that of the model, and the smallest one that is not zero.
     growth : float
         Rate (1/time) at which the medium itself lets a uniform field grow, by a negative reaction.
+    of_field : bool
+        Whether a source or a constant of the model depends on the field.
     varied : bool
         Whether the medium varies from node to node.
     field_shape : tuple of int
@@ -97,6 +99,7 @@ class Examined(Timed, Protocol):
     strongest: float
     weakest: float
     growth: float
+    of_field: bool
     varied: bool
     field_shape: tuple[int, ...]
     start_u: np.ndarray

@@ -262,6 +262,28 @@ class Expression(Storable):
         return space.expression(self.dim), time.expression(0)
 
 
+def function_of(text: str, names: Sequence[str], key: str) -> Callable[..., NDArray[np.float64]]:
+    """Return an expression as a function of arrays with these names.
+
+    Raises
+    ------
+    InputError
+        A text that is not an expression of these names.
+    """
+    try:
+        tree = _checked(text, tuple(names))
+    except InputError as error:
+        raise error.at(key) from None
+
+    def evaluated(*arrays: ArrayLike) -> NDArray[np.float64]:
+        values: dict[str, Any] = {**CONSTANTS, **dict(zip(names, map(np.asarray, arrays), strict=True))}
+        with np.errstate(all="ignore"):
+            found = _evaluate(tree, values)
+        return np.array(np.broadcast_to(found, np.broadcast_shapes(*map(np.shape, arrays))), float)
+
+    return evaluated
+
+
 def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
     """Return what a user gives for a function of space and time, with every text turned into an `Expression` of the
     lattice's coordinates.

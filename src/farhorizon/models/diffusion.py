@@ -20,9 +20,9 @@ class Diffusion(LatticeModel):
     Parameters
     ----------
     operator : Kernel or Stencil
-    diffusivity : float, str, ndarray or callable
+    diffusivity : float, str, ndarray, callable or OfField
         Diffusivity :math:`\chi^2` of long waves (length^2 / time); for a varying medium, an expression or a function of
-        the coordinates, or the values at the nodes.
+        the coordinates, or the values at the nodes; or an expression of u (`OfField`).
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
         Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised Runge-Kutta-Chebyshev method
         of second order, for long runs.
@@ -48,7 +48,7 @@ class Diffusion(LatticeModel):
         self, operator: Kernel | Stencil, diffusivity: Constant = 1.0, integrator: str | Integrator = "euler"
     ) -> None:
         super().__init__(operator)
-        self._set(diffusivity=material_constant(diffusivity, "model.diffusivity"))
+        self._set(diffusivity=material_constant(diffusivity, "model.diffusivity", follows=True))
         self.integrator = first_order(integrator)
 
     @staticmethod

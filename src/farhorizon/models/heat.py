@@ -34,8 +34,9 @@ class Heat(LatticeModel):
         the values at the nodes.
     specific_heat : float, str, ndarray or callable
         Energy per mass and temperature, c; given like `density`.
-    conductivity : float, str, ndarray or callable
-        Power per length and temperature, :math:`\kappa`; given like `density`.
+    conductivity : float, str, ndarray, callable or OfField
+        Power per length and temperature, :math:`\kappa`; given like `density`, or as an expression of the temperature
+        u, such as "50 - 0.02*u" (`OfField`).
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
     self_term : {"centre", "neighbour", "none"}
         Contribution of the cell of a node itself to the integral over its family: the micro-conductivity at its
@@ -78,7 +79,12 @@ class Heat(LatticeModel):
     ) -> None:
         super().__init__(operator)
         given = {"density": density, "specific_heat": specific_heat, "conductivity": conductivity}
-        self._set(**{name: material_constant(value, f"model.{name}") for name, value in given.items()})
+        self._set(
+            **{
+                name: material_constant(value, f"model.{name}", follows=name == "conductivity")
+                for name, value in given.items()
+            }
+        )
         self.self_term = kinds.one_of(self_term, "model.self_term", SELF_TERMS, "unknown self term")
         self.integrator = first_order(integrator)
 

@@ -19,6 +19,7 @@ from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.of_field import OfField, names_field
 from farhorizon.medium.scatter import Weibull
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
@@ -26,7 +27,7 @@ from farhorizon.medium.variation import Variation
 #: Values by which nodes are ordered, and their constants by name.
 Ordered = tuple[np.ndarray, dict[str, np.ndarray]]
 #: Constant of a material: a number, or an expression, a function of the coordinates or values at the nodes.
-Constant = float | str | Weibull | Callable[..., Any] | NDArray[np.float64]
+Constant = float | str | Weibull | OfField | Callable[..., Any] | NDArray[np.float64]
 _TAKEN = ("type", "stencil", "stages", "of")  # keys of a case file's table that are not parameters of the model
 
 
@@ -151,6 +152,7 @@ class LatticeModel:
     others: ClassVar[Mapping[str, str]] = {}
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[LatticeModel]]] = {}
+    _levels: Mapping[str, float] = {}
     _given: Stencil | None = None  # replaces the stencil of the operator
     _stronger: float = 1.0  # stiffness of bonds relative to those of the operator
 
@@ -219,7 +221,30 @@ class LatticeModel:
     def varying(self) -> dict[str, Any]:
         """Constants of the material that vary from node to node, by name, in the form in which they were given."""
         given = {name: getattr(self, name) for name in self.constants}
-        return {name: value for name, value in given.items() if not isinstance(value, float)}
+        return {name: value for name, value in given.items() if not isinstance(value, float | OfField)}
+
+    @property
+    def follows(self) -> dict[str, OfField]:
+        """Constants of the material that follow the field, by name."""
+        given = {name: getattr(self, name) for name in self.constants}
+        return {name: value for name, value in given.items() if isinstance(value, OfField)}
+
+    def around(self, levels: Mapping[str, float], strongest: float = 1.0) -> Self:
+        """The same model with the values, at the background, of the constants in `follows`, the largest of which is
+        `strongest` times as large somewhere.
+        """
+        model = copy.copy(self)
+        model._levels, model.strongest = dict(levels), strongest
+        model._set(**{name: getattr(self, name) for name in self.constants})
+        return model
+
+    @property
+    def at_background(self) -> Self:
+        """The same model with the constants in `follows` as at the background."""
+        model = copy.copy(self)
+        model.strongest = 1.0
+        model._set(**{name: getattr(self, name) for name in self.constants} | self._at_background)
+        return model
 
     @property
     def uneven(self) -> dict[str, Any]:
@@ -229,14 +254,15 @@ class LatticeModel:
     def with_constants(self, constants: Mapping[str, Any]) -> Self:
         """The same model with other values of the constants in `varying`."""
         model = copy.copy(self)
-        model._set(**{name: constants.get(name, getattr(self, name)) for name in self.constants})
+        kept = {name: getattr(self, name) for name in self.constants}
+        model._set(**kept | {name: value for name, value in constants.items() if name not in self.follows})
         return model
 
     def _set(self, **constants: Any) -> None:
         """Set all `constants`, and what follows from them unless some of them vary."""
         vars(self).update(constants)
         if constants and not self.varying:
-            self.coefficient, density = self.medium_of(constants)
+            self.coefficient, density = self.medium_of({**constants, **self._at_background})
             self.source_factor = 1 / density
 
     @staticmethod
@@ -286,9 +312,15 @@ class LatticeModel:
         heavier = density * self.source_factor
         return Variation(heavier * (squared / self.coefficient), heavier if np.ndim(density) else None)
 
+    @property
+    def _at_background(self) -> dict[str, float]:
+        """Values of the constants in `follows` at the background, 1 where it is not known yet."""
+        return {name: self._levels.get(name, 1.0) for name in self.follows}
+
     def _at_nodes(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """All `constants` at the nodes, given those that vary."""
-        found = np.broadcast_arrays(*(values.get(name, getattr(self, name)) for name in self.constants))
+        own = {name: getattr(self, name) for name in self.constants} | self._at_background
+        found = np.broadcast_arrays(*(values.get(name, own[name]) for name in self.constants))
         return dict(zip(self.constants, found, strict=True))
 
     def of_ratio(self, lame: float) -> LatticeModel:
@@ -442,16 +474,22 @@ def first_order(integrator: str | Integrator) -> Integrator:
     return INTEGRATORS[kinds.one_of(integrator, "model.integrator", INTEGRATORS, "unknown integrator")]
 
 
-def material_constant(value: Any, key: str, positive: bool = True) -> Any:
+def material_constant(value: Any, key: str, positive: bool = True, follows: bool = False) -> Any:
     """Return a constant of a material: a number, positive or not, or, unchanged, anything that gives its values at the
-    nodes.
+    nodes, or if it may follow the field, an `OfField`.
 
     Raises
     ------
     InputError
         If a number is not positive, or the value is none of these.
     """
-    if callable(value) or isinstance(value, str) or (isinstance(value, np.ndarray) and value.ndim):
+    if follows and names_field(value):
+        return OfField(value)
+    if (
+        callable(value)
+        or isinstance(value, str | OfField if follows else str)
+        or (isinstance(value, np.ndarray) and value.ndim)
+    ):
         return value
     return kinds.number(
         value,

@@ -37,8 +37,10 @@ from farhorizon.simulation.drives import (
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.host import looked_at, node_factor, varied
+from farhorizon.simulation.laws import of_field
 from farhorizon.simulation.layers import choose_layers, undesigned, with_light_dampers
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
+from farhorizon.simulation.of_field import field_drives
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
@@ -118,7 +120,9 @@ class Parts:
     ends : ExactEnds or None
     incident : list of Incidence
     driving : list of Drive
-        All that drives the near field: sources and loads, conditions, incident waves.
+        All that drives the near field: sources and loads, conditions, incident waves, what depends on the field.
+    of_field : list of (str, Drive)
+        The latter, with their names.
     whole : Whole
         The near field with its sides; on several processes, the parts given to recorders have that of all processes.
     warm : frozenset of (axis, side)
@@ -141,6 +145,7 @@ class Parts:
     ends: ExactEnds | None
     incident: list[Incidence]
     driving: list[Drive]
+    of_field: list[tuple[str, Drive]]
     whole: Whole
     warm: frozenset[Key]
 
@@ -308,7 +313,7 @@ def assembled(
     drives = split_drives(found.sources, near, beyond)
     driving = drives.sources + [drive for _, drive in near.conditions.sources]
     warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
-    everywhere = bool(found.waves or drives.unsplit or warm)  # a hot spot may be anywhere
+    everywhere = bool(found.waves or drives.unsplit or warm or of_field(setup))  # a hot spot may be anywhere
     emitters = Emitters(near, sides, start, tuple(driving), everywhere, partial(heat_front, setup, warm))
     around = extend(setup, found.around, emitters, beyond.notes)
 
@@ -338,6 +343,8 @@ def assembled(
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
     driving += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
+    of_the_field = field_drives(setup, near, sides, grid)
+    driving += [drive for _, drive in of_the_field]
     return Parts(
         near,
         around,
@@ -355,6 +362,7 @@ def assembled(
         ends,
         incident,
         driving,
+        of_the_field,
         Whole(near, around.sides),
         warm,
     )

@@ -22,6 +22,7 @@ from farhorizon.inputs.signals import SMALL, Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, largest_component, space_and_time, split, steady
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.of_field import OfField
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
@@ -164,8 +165,8 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
 
 
 def _plain(setup: Setup) -> list[Any]:
-    """Return the sources other than incident waves."""
-    return [source for source in setup.sources if not isinstance(source, Incident)]
+    """Return the sources other than incident waves and those that depend on the field."""
+    return [source for source in setup.sources if not isinstance(source, Incident | OfField)]
 
 
 def signals(setup: Setup) -> list[tuple[str, Signal]]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
+from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.settings import record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
+from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.feed import Batch, Feed
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.of_field import Conduction
 from farhorizon.simulation.setup import Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.team import ALONE, Team
@@ -35,6 +38,8 @@ class FlowBalance:
     feed : Feed
     sources : int
         Number of drives that are sources; conditions follow them.
+    more : sequence of (str, Drive)
+        What depends on the field, which follows the sources and conditions, by name.
     team : Team
         The processes that compute the run; each counts the flow into the nodes of its box.
 
@@ -64,6 +69,7 @@ class FlowBalance:
         feed: Feed,
         sources: int,
         team: Team = ALONE,
+        more: Sequence[tuple[str, Drive]] = (),
     ) -> None:
         if near.model.order != 1:
             raise InputError(
@@ -79,6 +85,8 @@ class FlowBalance:
         self._outer = [side_name(*key) for key in sides if side_name(*key) in every]
         self._owners = [f"source[{i}]" for i in range(sources)]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
+        self._owners += [name for name, _ in more]
+        self._conductions = {name: drive for name, (_, drive) in more if isinstance(drive, Conduction)}
         self._prescribing = [i for i, one in enumerate(setup.constraints) if isinstance(one, Prescribed)]
         self._holding = near.prescribed.holding(0)
         self._open()
@@ -203,6 +211,17 @@ class FlowBalance:
             count = samples if space is None else 1
             self.powers[number] += totals[row : row + count].sum()
             row += count
+        for conduction in self._conductions.values():
+            self._conduct(conduction.level)
+
+    def _conduct(self, level: np.ndarray) -> None:
+        """Add what flowed along bonds in the last step because the conductivity is not that at the background."""
+        engine, flows = self.grid.engine, self.grid.engine.tables.flows
+        along = np.flatnonzero(flows.neighbours >= 0)
+        nodes, neighbours = flows.nodes[along], flows.neighbours[along]
+        gains = flows.effects[0] * flows.weights[along] * factors_of(engine.tables.material, nodes, neighbours)
+        gains *= level[neighbours].astype(float) - level[nodes]
+        flows.totals[0] += np.bincount(flows.accounts[along], gains, flows.totals.shape[1])
 
     def sums(self) -> dict[str, float]:
         """Return the amount that each drive has supplied on this process, by name."""
@@ -222,6 +241,8 @@ class FlowBalance:
         flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)
         inflow = {name: unit * float(value) for name, value in zip(self.names, flows, strict=True)}
         for name, power in zip(self._owners, powers, strict=True):
+            if name in self._conductions:
+                continue  # counted along the bonds
             inflow[name] = inflow.get(name, 0.0) + unit * float(power)
         amounts = self._team.total(self._amounts())
         gains = {name: unit * (amount - self.first[name]) for name, amount in amounts.items()}

@@ -212,6 +212,7 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
         closing *= strongest
     beside = {key: team.largest(_largest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
     sides = {key: found or strongest or 1.0 for key, found in beside.items()}
+    fastest *= setup.model.strongest
     return Pace(strongest, weakest, fastest, sides, closing, _lame_beside_layers(setup, variation, stencil.reach, team))
 
 

@@ -93,7 +93,8 @@ class March:
             self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
             count = len(parts.drives.sources)
-            self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count, team)
+            given = parts.phases, parts.ends, self.feed, count, team, parts.of_field
+            self.flow_balance = FlowBalance(setup, near, sides, grid, *given)
         self._find_margin()
 
     def _heating(self, run_of: Callable[..., Any]) -> Heating | None:

@@ -23,6 +23,7 @@ from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.coupling import Coupling, expansion_of
 from farhorizon.simulation.host import Host, Pace, node_factor, pace_in, varied
+from farhorizon.simulation.laws import steepest
 from farhorizon.simulation.setup import Setup, Sides, wrapping
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import closed_window
@@ -366,6 +367,7 @@ def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer
     unit = setup.model.coefficient / setup.lattice.spacing**2
     rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, pace) * stiffer
     rate += unit * pace.closing
+    rate += setup.model.source_factor * steepest(setup)
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 

@@ -25,8 +25,10 @@ from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.sources import Source, as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.medium.of_field import OfField, names_field
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.kept import check_picklable
+from farhorizon.simulation.laws import law_of, livelier
 from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
@@ -71,6 +73,12 @@ def _settled_source(source: Any, dim: int, key: str) -> Any:
         )
     if isinstance(source, Incident):
         return source.on(dim)
+    text = source.value if isinstance(source, Source) and source.time is None else source
+    if names_field(text):
+        source = OfField(text)
+    if isinstance(source, OfField):
+        law_of(source, ("u", *AXES[:dim]), key)  # refuses what is not one
+        return source
     return source if isinstance(source, LocalSource) else as_source(source, dim, key)
 
 
@@ -190,6 +198,12 @@ constraints, balance, specimens, loads
             if self.coefficient is None
             else as_given(self.coefficient, lattice.dim, "coefficient", time=False),
         )
+        if self.model.follows:
+            there = np.array(self.background)
+            laws = {name: law_of(one, ("u",), f"model.{name}") for name, one in self.model.follows.items()}
+            strongest = livelier(self)
+            levels = {name: float(law(there)) for name, law in laws.items()}
+            kinds.settle(self, model=self.model.around(levels, strongest))
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         check_picklable(self.arguments)

@@ -32,6 +32,7 @@ from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.energies import present
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
+from farhorizon.simulation.laws import of_field
 from farhorizon.simulation.march import March
 from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
@@ -200,6 +201,7 @@ class Simulation(Run):
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
+        self.of_field = of_field(setup)
         self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
         self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, list(around.doubts)

@@ -309,6 +309,7 @@ def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable
 def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     """Whether the set-up consists of an unbounded, homogeneous, linear medium and initial data only."""
     changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
+    changed = changed or ours.of_field
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
     plain = ours.model.bond_law is None and not ours.model.drag
     return endless and plain and not changed and not ours.sources

@@ -1,0 +1,93 @@
+"""Laws of sources and conductivities that depend on the field, before there is a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES
+from farhorizon.inputs.conditions import Flux
+from farhorizon.inputs.expressions import function_of
+from farhorizon.inputs.sources import field
+from farhorizon.medium.of_field import OfField
+
+SAMPLES = 129
+"""Values of the field between its extremes at the start, at which laws are examined before the run."""
+
+
+def law_of(one: OfField, names: tuple[str, ...], key: str) -> Callable[..., np.ndarray]:
+    """Return a quantity as a function of arrays with these names, the first of which is the field."""
+    if isinstance(one.value, str):
+        return function_of(one.value, names, key)
+    given = kinds.function(one.value, key, ", ".join(names))
+    return lambda *at: np.asarray(given(*at), float)
+
+
+def of_field(setup: Any) -> bool:
+    """Whether a source or a constant of the model depends on the field."""
+    return bool(setup.model.follows) or any(isinstance(one, OfField) for one in setup.sources)
+
+
+def range_of(setup: Any) -> np.ndarray:
+    """Return values of the field from its smallest at the start to its largest, with the background and numbers that
+    conditions and sides prescribe.
+    """
+    initial = (setup.initial or {}).get("u")
+    ends = [setup.background, *(side.held for side in setup.sides.values() if side.held is not None)]
+    held = [one for one in setup.constraints if not isinstance(one, Flux)]
+    given = [getattr(one, name, None) for one in held for name in ("value", "ambient")]
+    ends += [float(one) for one in given if isinstance(one, Real)]
+    if initial is not None:
+        values = field(initial, setup.lattice, 1, "initial.u")
+        ends += [float(values.min()), float(values.max())]
+    return np.linspace(min(ends), max(ends), SAMPLES)
+
+
+def livelier(setup: Any) -> float:
+    """Return the largest conductivity at values of the field at the start, over that at the background.
+
+    Raises
+    ------
+    InputError
+        One that is not positive, or not finite.
+    """
+    largest, values = 1.0, range_of(setup)
+    for name, one in setup.model.follows.items():
+        key = f"model.{name}"
+        found = np.broadcast_to(law_of(one, ("u",), key)(values), values.shape)
+        wrong = ~((found > 0) & np.isfinite(found))
+        if wrong.any():
+            at = int(np.argmin(np.where(wrong, found, np.inf)))
+            raise InputError(
+                f"the {name} must be positive at all values that the field has at the start",
+                value=f"{found[at]:.6g} at u = {values[at]:.6g}",
+                limit="> 0",
+                key=key,
+                remedy="a law that stays positive, such as max(..., smallest)",
+            )
+        largest = max(largest, float(found.max() / law_of(one, ("u",), key)(np.array(setup.background))))
+    return largest
+
+
+def steepest(setup: Any) -> float:
+    """Return the largest slope with which sources change with the field, at its values at the start (per mass)."""
+    lattice, largest = setup.lattice, 0.0
+    if not any(isinstance(one, OfField) for one in setup.sources):
+        return largest
+    values = range_of(setup)
+    if np.ptp(values) == 0:
+        return largest
+    for number, one in enumerate(setup.sources):
+        if isinstance(one, OfField):
+            law, before = law_of(one, ("u", *AXES[: lattice.dim]), f"source[{number}]"), None
+            for value in values:
+                now = law(np.full(lattice.shape, value), *lattice.coordinates())
+                if before is not None:
+                    largest = max(largest, float(np.abs(now - before).max(initial=0)) / (values[1] - values[0]))
+                before = now
+    return largest
