@@ -280,9 +280,23 @@ def test_constants_that_cannot_be(given, key, words):
     assert caught.value.key == key
 
 
-def test_sides_that_go_on_with_one_heat_capacity_are_refused():
-    line, plane = fh.Lattice(1.0, -9.0, 9.0), fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
-    model = fh.Heat(fh.Kernel(2.0), density="1 + (x > 0)")
-    for lattice, side in ((line, fh.Exact()), (plane, fh.PlaneWave())):
-        with pytest.raises(fh.InputError, match="one density"):
-            fh.Simulation(lattice, model, side)
+def test_outlines_that_go_on_with_one_heat_capacity_are_refused():
+    lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    with pytest.raises(fh.InputError, match="one density"):
+        fh.Simulation(lattice, fh.Heat(fh.Kernel(2.0), density="1 + (x > 0)"), fh.PlaneWave())
+
+
+@pytest.mark.parametrize("compress", [1e-12, None])
+def test_exact_ends_continue_the_heat_capacity_at_each_end(compress):
+    """As in a bar so long that nothing returns; the balance counts what leaves."""
+    lattice, capacity = fh.Lattice(0.25, -5.0, 5.0), "where(x < -1.5, 3, where(x > 2.2, 0.4, 1))"
+    model = fh.Heat(fh.Kernel(0.75), density=capacity, conductivity="where(x < -1.5, 0.5, 1)")
+    ends, bar = (
+        fh.Simulation(lattice, model, side, {"u": "exp(-2*x**2)"}, balance=True)
+        for side in (fh.Exact(compress=compress), fh.Extended(nodes=600))
+    )
+    for until in (1.0, 5.0):
+        ends.run(until)
+        bar.run(until)
+        assert np.abs(ends.fields["u"] - bar.fields["u"]).max() < 1e-11
+    assert abs(ends.balance()["residual"]) < 1e-12
