@@ -209,6 +209,7 @@ RIGHT = {
         "rcond": 1e-15,
         "balanced": True,
     },
+    "OfField": {"value": "u*(1 - u)"},
     "PointCut": {"x": 0.0},
     "PointForce": {"at": (0.0, 0.0), "force": (1.0, 0.0), "time": None, "interpolation": "sinc"},
     "PointSource": {"at": 0.0, "strength": 1.0, "time": None, "interpolation": "sinc"},

@@ -111,6 +111,7 @@ def good():
             "time": fh.Ricker(0.1),
             "interpolation": "linear",
         },
+        "OfField": {"value": "u*(1 - u)"},
         "PlaneWave": {},
         "PointCut": {"x": 0.1},
         "PointForce": {"at": (0.1, 0.2), "force": (1.0, 0.0), "interpolation": "linear"},
@@ -257,7 +258,7 @@ def call(job):
         fh.Simulation(**{**setup, **solid, "sources": [made]}).step(1)
     elif name in ("Chirp", "Gaussian", "Ricker", "Samples", "Step", "ToneBurst"):
         fh.Simulation(**{**setup, "sources": [fh.PointSource((0.1, 0.2), time=made, interpolation="linear")]}).step(1)
-    elif name == "Source":
+    elif name in ("OfField", "Source"):
         fh.Simulation(**{**setup, "boundary": fh.Fixed(), "sources": [made]}).step(1)
     elif name == "Simulation":
         made.step(1)
