@@ -115,9 +115,8 @@ def undesigned(near: NearField, sides: Sides) -> str:
     """Return why layers for scalar waves without a target may reflect more than the model's default target; empty if
     they are made for it.
 
-    The default layers are made for kernels whose waves run forward. Backward waves are damped, so that nothing grows,
-    but what is damped is also reflected; and waves that are carried along by a kernel that is not symmetric reach the
-    end of a layer.
+    The default layers are made for kernels that are symmetric about their axes and whose waves run forward. Backward
+    waves are damped, so that nothing grows, but what is damped is also reflected.
     """
     asked = [side_name(*key) for key, b in sides.items() if b.stretched and b.target is None and not b.whole]
     if not asked or near.model.order == 1 or near.stencil.components > 1:
