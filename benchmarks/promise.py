@@ -440,6 +440,7 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
         try:
             try:
                 sim = fh.Simulation(**setup)
+                told_error = max((one.predicted for one in sim.thickness.values()), default=np.nan)  # chooses them
             finally:
                 spent.append(time.perf_counter() - begin)
             if (takes := seconds_of(sim.engine) * until / sim.dt) > options.longest:
@@ -470,7 +471,8 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
             print(
                 f"{number}: {kind} {model.operator if hasattr(model, 'operator') else model} {setup['lattice'].shape} "
                 f"{'with a source ' * ('sources' in setup)}until {until:.4g} "
-                f"target {target:g}: {row['nodes'][-1]} nodes, error {found:.2g} targets{', told' * told}",
+                f"target {target:g}: {row['nodes'][-1]} nodes, error {found:.2g} targets, in trials "
+                f"{told_error / target:.2g}{', told' * told}; chosen in {spent[-1]:.1f} s, run {takes:.1f} s",
                 flush=True,
             )
     total = empty("all")

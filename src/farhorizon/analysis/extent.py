@@ -13,12 +13,11 @@ the nodes in which the front decreases as much as it would by spreading.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.references.infinite import largest_speed, undisturbed
 from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
@@ -55,6 +54,30 @@ class Extent:
             else f", of which {self.predicted:.1g} of the largest value comes back up to t = {self.until:.6g}"
         )
         return f"{self.nodes} nodes{known}"
+
+
+@dataclass(frozen=True)
+class Datum:
+    """A field of data.
+
+    Attributes
+    ----------
+    values : ndarray
+        On the near field; for one side with the first axis along the normal, towards the side.
+    kind : {"u", "v", "source"}
+        Initial values, initial velocities, or a source, ``u_tt = .. + values time``.
+    time : ndarray, shape (steps,)
+        Factor of a source at each step; empty otherwise.
+    """
+
+    values: np.ndarray
+    kind: str
+    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def turned(self, axis: int, side: int) -> Datum:
+        """Return the datum with a given axis first, pointing towards its lower (-1) or upper (1) end."""
+        values = np.moveaxis(self.values, axis, 0)
+        return replace(self, values=values if side > 0 else values[::-1])
 
 
 @dataclass(frozen=True)

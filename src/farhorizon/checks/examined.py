@@ -77,12 +77,8 @@ class Examined(Timed, Protocol):
         Condition along the outline of the near field.
     coefficients : dict of (axis, side) to float
         Squared speed or diffusivity of the medium at each side.
-    thickness : dict of str to Thickness
-        Predicted errors of automatically chosen layers, by side.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
-    doubts : list of str
-        Notes about layers that are predicted to miss their targets; `notes` contains them, too.
     recorders : list of farhorizon.simulation.recorder.Recorder
     """
 
@@ -112,10 +108,16 @@ class Examined(Timed, Protocol):
     leak: np.ndarray
     closure: Closure | None
     coefficients: dict[tuple[int, int], float]
-    thickness: dict[str, Thickness]
     extents: dict[tuple[int, int], Extent]
-    doubts: list[str]
     recorders: list[Any]
+
+    @property
+    def thickness(self) -> dict[str, Thickness]:
+        """Layers that were chosen, with their errors, by name of the side."""
+
+    @property
+    def doubts(self) -> list[str]:
+        """Warnings about layers and extended domains that may miss their targets; `notes` contains the first ones."""
 
     @property
     def crossing(self) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 
 from farhorizon.boundaries import Closure, ExactEnds, Side
 from farhorizon.engine.settings import set_drag
-from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
@@ -38,14 +37,14 @@ from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.host import looked_at, node_factor, varied
 from farhorizon.simulation.laws import of_field
-from farhorizon.simulation.layers import choose_layers, undesigned, with_light_dampers
+from farhorizon.simulation.layers import undesigned, with_light_dampers, with_one_filter
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.of_field import field_drives
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
+from farhorizon.simulation.share import Share, check_choosable, check_shareable, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, check_range, drifting, own_step, start_of
-from farhorizon.simulation.stiffening import least_stiffening, stiffening, trial_of
+from farhorizon.simulation.stiffening import least_stiffening, stiffening
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
@@ -216,20 +215,13 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
     check_signals(setup, near)
     waves = incident_waves(setup, near, sides if share is None else share.sides, _cuts(setup), team)
     sources = given(setup, near, sides)
-    around = _choose_sides(
-        setup, near, sides, autos, [*(one.wave for one in waves), *(source for _, source in sources)]
-    )
-    return Survey(setup, autos, near, around, waves, sources)
+    return Survey(setup, autos, near, _with_layers(setup, near, sides), waves, sources)
 
 
 def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Parts:
-    """Return the parts of a run on one process; see `assembled`.
-
-    Layers are chosen for a given time step, which depends on the stiffness of the solid. The latter is found by a trial
-    assembly, so that layers are chosen only once.
-    """
-    return _of_trial(
-        setup, ALONE, lambda one, stiffer: assembled(one, stiffer, margins_given=margins_given), lambda parts: parts
+    """Return the parts of a run on one process; see `assembled`."""
+    return _stiffened(
+        setup, ALONE, lambda stiffer: assembled(setup, stiffer, margins_given=margins_given), lambda parts: parts
     )
 
 
@@ -240,41 +232,33 @@ def assemble_shared(
     check_shareable(setup, observers)
     check_choosable(setup)
 
-    def built(one: Setup, stiffer: float) -> tuple[Share, Whole, Parts]:
-        share, whole = shared(one, team, topology, stiffer)
+    def built(stiffer: float) -> tuple[Share, Whole, Parts]:
+        share, whole = shared(setup, team, topology, stiffer)
         return share, whole, assembled(share.setup, stiffer, team, share)
 
-    return _of_trial(setup, team, built, lambda found: found[2])
+    return _stiffened(setup, team, built, lambda found: found[2])
 
 
-def _of_trial(setup: Setup, team: Team, built: Callable[[Setup, float], T], parts_of: Callable[[T], Parts]) -> T:
-    """Build a run from a set-up with the stiffening that a trial finds.
+def _stiffened(setup: Setup, team: Team, built: Callable[[float], T], parts_of: Callable[[T], Parts]) -> T:
+    """Build a run, and build it again if it turns out to be stiffer than the medium.
 
     Parameters
     ----------
     setup : Setup
     team : Team
     built : callable
-        Builds it from a set-up and a stiffening; of several processes all fail if one does.
+        Builds it for a stiffening; of several processes all fail if one does.
     parts_of : callable
         Returns the parts among its results.
     """
-    trial, least = trial_of(setup), least_stiffening(setup)
-    found: T | None = None
-    if trial is not setup:
-        try:
-            with team.agreed():
-                found = built(trial, least)
-        except InputError:
-            trial = setup  # which either works or raises the appropriate error
-    if found is None:
-        found = built(setup, least)
+    least = least_stiffening(setup)
+    found = built(least)
     parts = parts_of(found)
     stiffer = stiffening(parts.near, parts.grid, team, least)
-    if stiffer == least and trial is setup:
+    if stiffer == least:
         return found
     del found, parts  # so that only one is in memory
-    return built(setup, stiffer)
+    return built(stiffer)
 
 
 def assembled(
@@ -374,7 +358,7 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     lattice, stencil = setup.lattice, near.stencil
     depth = around.depth(stencil, lattice.spacing, lattice.shape)
     beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
-    beyond.notes += near.conditions.notes + around.doubts + around.notes + jumps(setup, near)
+    beyond.notes += near.conditions.notes + around.doubts + jumps(setup, near)
     if near.growth:
         beyond.notes.append(f"the medium grows by itself, e-fold in t = {1 / near.growth:.3g}, and so do all errors")
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
@@ -438,24 +422,11 @@ def _cuts(setup: Setup) -> list[Cut]:
     return [crack.cut for crack in setup.cracks]
 
 
-def _choose_sides(
-    setup: Setup, near: NearField, sides: Sides, autos: dict[Key, Side], sources: Sequence[Any]
-) -> Surroundings:
-    """Return the surroundings with layers; if none meets a target, sides that leave the choice extend the domain."""
-    try:
-        return _with_layers(setup, near, sides, sources)
-    except InputError:
-        if not autos:
-            raise
-        return _with_layers(setup, near, sides | {key: b.as_domain(None) for key, b in autos.items()}, sources)
-
-
-def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:
+def _with_layers(setup: Setup, near: NearField, sides: Sides) -> Surroundings:
+    """Return the surroundings with layers; those that are to be chosen have a default number of nodes."""
     around = with_light_dampers(near, by_target(setup, sides, near.continued, near.pace.sides))
-    found = replace(choose_layers(setup, near, around, sources), undesigned=undesigned(near, sides))
-    if found.thickness:
-        check_memory(setup, near.stencil, found)
-    return found
+    layers = with_one_filter(around.layers, near.rate_limit, near.dt, near.lattice.dim)
+    return replace(around, layers=layers, undesigned=undesigned(near, sides))
 
 
 def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
@@ -469,7 +440,7 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
 def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: float = 1.0) -> tuple[Share, Whole]:
     """Return the share of this process in a run, and the whole for recorders; `stiffer` as in `assembled`.
 
-    No process evaluates the whole set-up, except the first one if layers are chosen for the data.
+    No process evaluates the whole set-up.
 
     Raises
     ------
@@ -485,9 +456,5 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     extremes = extremes_of(setup, host, stencil, team, stiffer)
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
-    if chooses(setup.sides):
-        # errors can be predicted only where all data are: such a run cannot continue beyond the time of its layers
-        around = team.first(team.by_first(lambda: replace(survey(setup, stiffer).around, returned=None)))
-    else:
-        around = with_light_dampers(near, around)
+    around = with_light_dampers(near, around)
     return share_of(setup, host, around, near, team, topology), Whole(near, setup.sides, team)

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.analysis.extent import Extent, Waves, extent, largest
-from farhorizon.analysis.layers.side_data import Datum
+from farhorizon.analysis.extent import Datum, Extent, Waves, extent, largest
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.simulation.drives import Drive

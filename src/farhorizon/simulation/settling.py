@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from farhorizon.analysis.layers.thickness import Thickness
 from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
 from farhorizon.checks.price import extended_price, price
@@ -17,17 +18,18 @@ from farhorizon.errors import InputError
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Euler, RungeKuttaChebyshev
-from farhorizon.models import LatticeModel
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.described import rebuild
-from farhorizon.simulation.setup import Key, side_name
-from farhorizon.simulation.surroundings import Foretold, Surroundings
+from farhorizon.simulation.setup import Key, Setup, side_name
+from farhorizon.simulation.surroundings import Surroundings
+from farhorizon.simulation.trials import Chosen, assess_layers, choose_layers
 
-# times up to which errors are predicted next, relative to that up to which they are known; the second one is tried if
-# a target is missed by the first
-_AHEAD = 1.5, 1.05
+_AHEAD = 1.5  # how much farther than a run that is continued the trial of its layers goes
 _MANY = 100_000  # steps: assembling another set-up, in order to see what it saves, takes less time than some of these
 _LONGER = "LatticePML(target=..., until=...) chooses them for a longer run"
+
+
+T = TypeVar("T")
 
 
 class Changeable(Examined, Protocol):
@@ -35,6 +37,12 @@ class Changeable(Examined, Protocol):
 
     step_count: int
     team: Any
+    setup: Setup
+    share: Any
+
+    @property
+    def of(self) -> Callable[..., Any]:
+        """Makes a run of a set-up."""
 
     def examine(self, until: float) -> object:
         """Examine the stability of a run; raise InputError if it is refused."""
@@ -55,6 +63,10 @@ class Settling:
         Sides that depend on the length of the run.
     good_for : float
         Length of the run for which the sides were last chosen.
+    thickness : dict of str to Thickness
+        Chosen layers and their errors, by name of the side.
+    doubts : list of str
+        Warnings about layers that miss their targets.
     why : list of str
         Reasons for the choice.
     """
@@ -62,28 +74,67 @@ class Settling:
     autos: dict[Key, Side]
     open_ended: list[Key]
     good_for: float = 0.0
+    thickness: dict[str, Thickness] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
     why: list[str] = field(default_factory=list)
 
     def settle(self, run: Changeable, until: float) -> None:
-        """Choose the sides again if the run has not begun and is to be longer than they were chosen for.
+        """Choose the sides for a run that has not begun and is to be longer than they were chosen for; see whether
+        those of a run that has begun are good for longer.
 
         Raises
         ------
         InputError
-            The extended domain does not fit into memory.
+            No layer keeps a target; the extended domain does not fit into memory.
         """
-        if run.step_count or not until > self.good_for * (1 + 1e-9):
+        if not until > self.good_for * (1 + 1e-9):
             return
+        if run.step_count:
+            self._prolong(run, until)
+            return
+        self.doubts, self.why = [], []
         if self.autos:
             self._decide(run, until)
-        elif any(until > end * (1 + 1e-9) for end in (*_ends(run.thickness), *_ends(run.extents))):
-            sides: dict[Key, Any] = dict(run.sides)
-            try:
-                run.take({key: replace(sides[key], nodes=None, until=until) for key in self.open_ended})
-            except InputError:  # layers stay as they are, which is noted
-                if any(sides[key].extended for key in self.open_ended):
-                    raise
+        else:
+            self._choose(run, until)
+        self._assess(run, until)
         self.good_for = until
+
+    def _choose(self, run: Changeable, until: float) -> None:
+        """Choose the open-ended sides."""
+        keys = [key for key in self.open_ended if run.sides[key].extended]
+        if keys and any(until > extent.until * (1 + 1e-9) for extent in run.extents.values()):
+            sides: dict[Key, Any] = dict(run.sides)
+            run.take({key: replace(sides[key], nodes=None, until=until) for key in keys})
+        if keys := [key for key in self.open_ended if run.sides[key].stretched]:
+            self._take(run, by_first(run, lambda whole: choose_layers(whole, keys, until)))
+
+    def _take(self, run: Changeable, chosen: Chosen) -> None:
+        run.take(chosen.sides)
+        self.thickness, self.doubts = chosen.thickness, chosen.doubts
+        self.why = self.why + chosen.notes
+
+    def _assess(self, run: Changeable, until: float) -> None:
+        """Compare layers of a given number of nodes that have a target with thicker ones."""
+        given = [key for key, b in run.sides.items() if b.stretched and not b.whole and b.nodes is not None]
+        if keys := [key for key in given if run.sides[key].target is not None]:
+            self.doubts = self.doubts + by_first(run, lambda whole: assess_layers(whole, keys, until))[1]
+
+    def _prolong(self, run: Changeable, until: float) -> None:
+        """See whether the layers of a run that has begun are good for longer."""
+        keys = [key for key in self.open_ended if side_name(*key) in self.thickness]
+        if not keys or not self.good_for:
+            return
+        error, doubts = by_first(run, lambda whole: assess_layers(whole, keys, _AHEAD * until))
+        if not np.isnan(error) and not doubts:
+            self.good_for = _AHEAD * until
+            return
+        end = max(one.until for one in self.thickness.values())
+        known = f"up to t = {_AHEAD * until:.6g} they reflect {error:.1g}" if doubts else "perhaps not later"
+        say = f"the layers ({', '.join(self.thickness)}) meet their target up to t = {end:.6g}, but {known}: {_LONGER}"
+        if say not in self.doubts:
+            self.doubts = [*self.doubts, say]
+            warn(say)
 
     def adopt(self, run: Changeable, path: str | Path) -> None:
         """Take those sides that depend on the length of the run or on their cost from the run that wrote a
@@ -102,110 +153,50 @@ class Settling:
         far_sides: dict[Key, Side] = {key: b.as_domain(until) for key, b in self.autos.items()}
         near_sides: dict[Key, Side] = {key: b.as_layer(until, run.model.target) for key, b in self.autos.items()}
         try:
-            if any(run.sides[key] != layer for key, layer in near_sides.items()):
+            if not all(run.sides[key].stretched for key in near_sides):
                 run.take(near_sides)
+            others = [key for key in self.open_ended if run.sides[key].stretched and key not in self.autos]
+            self._take(run, by_first(run, lambda whole: choose_layers(whole, [*self.autos, *others], until)))
         except InputError as error:
-            run.take(far_sides)
+            self._extend(run, far_sides)
             self.why = [f"the domain is extended, because layers cannot be used: {error.message}"]
             return
         layers, far = price(run), extended_price(run, until, list(self.autos))
         fits = far.memory <= available_memory()
         if fits and far.seconds < layers.seconds:
-            run.take(far_sides)
+            self._extend(run, far_sides)
             self.why = [f"the domain is extended: layers would take {layers.over(far)}"]
             return
-        self.why = [f"layers: the extended domain would take {far.over(layers)}"]
+        self.why = [f"layers: the extended domain would take {far.over(layers)}", *self.why]
         try:
             run.examine(until)  # the run needs this too, and reuses the result
         except InputError as error:
             if fits:
-                run.take(far_sides)
+                self._extend(run, far_sides)
                 self.why = [f"the domain is extended, because layers cannot be used: {error.message}"]
 
-
-def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float) -> None:
-    """Predict what the layers reflect in a run that lasts longer than they were chosen for. The prediction extends
-    somewhat further, unless a target is missed by then, so that a run in many pieces needs only a few of them.
-    """
-    known = min((max(one.until, _foretold(around, name).until) for name, one in around.thickness.items()), default=0.0)
-    if around.returned is None or not known + dt < until <= around.foreseeable:
-        return
-    already = _missing(around, model, list(around.foretold))
-    for ahead in _AHEAD:
-        end = min(max(until, ahead * known), around.foreseeable)
-        try:
-            errors = around.returned(end)
-        except Exception:  # signals are functions of the user and may not be defined at such late times
-            continue
-        around.foretold.update({side_name(*key): Foretold(end, error) for key, error in errors.items()})
-        if already or not _missing(around, model, list(around.foretold)):
-            return
+    def _extend(self, run: Changeable, sides: Mapping[Key, Side]) -> None:
+        run.take(sides)
+        self.thickness, self.doubts = {}, []
 
 
-def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float) -> list[str]:
-    """Return warnings for a run that lasts longer, by more than its last step, than its sides were chosen for; the
-    target of a side without its own is that of the model.
-    """
-    late = [name for name, one in around.thickness.items() if until > one.until + dt]
-    unknown = [name for name in late if until > _foretold(around, name).until + dt]
-    found = [_may_miss(around, unknown, dt)] if unknown else []
-    missing = _missing(around, model, [name for name in late if name not in unknown])
-    if missing:
-        chosen = min(around.thickness[name].until for name in missing)
-        end = max(_foretold(around, name).until for name in missing)
-        of = "the largest value" + " at that time" * (model.order == 1)
-        found.append(
-            f"the layers ({', '.join(missing)}) meet their target up to t = {chosen:.6g}; up to t = {end:.6g} they are "
-            f"predicted to reflect {max(missing.values()):.1g} of {of}: {_LONGER}"
-        )
-    ends = _ends(around.extents)
-    if ends and until > min(ends) + dt:
-        found.append(
-            f"nothing comes back from the end of the extended domain up to t = {min(ends):.6g}, but later "
-            "something does: use Extended(until=...)"
-        )
-    return found
+def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
+    """Return a warning for a run that lasts longer than extended domains are chosen for, by more than a step."""
+    ends = [extent.until for extent in around.extents.values()]
+    if not ends or until <= min(ends) + dt:
+        return []
+    return [
+        f"nothing comes back from the end of the extended domain up to t = {min(ends):.6g}, but later "
+        "something does: use Extended(until=...)"
+    ]
 
 
-def _missing(around: Surroundings, model: LatticeModel, names: list[str]) -> dict[str, float]:
-    """Return which of some sides with predictions miss their targets, with the predicted error. The errors of the two
-    sides of an axis add up, and their sum is compared with the larger of the two targets.
-    """
-    sides = {side_name(*key): b for key, b in around.sides.items()}
-    targets = {name: sides[name].wanted(model.target) for name in around.foretold}  # walls have none
-    found = {}
-    for name in names:
-        axis = {other: one.error for other, one in around.foretold.items() if other[0] == name[0]}
-        own, both = axis[name], sum(axis.values())
-        if both > max(targets[other] for other in axis):
-            found[name] = both
-        elif own > targets[name]:
-            found[name] = own
-    return found
-
-
-def _foretold(around: Surroundings, name: str) -> Foretold:
-    return around.foretold.get(name, Foretold())
-
-
-def _may_miss(around: Surroundings, names: list[str], dt: float) -> str:
-    """Return a warning about layers of which nothing is known at such late times."""
-    asked = {side_name(*key): b.until or 0.0 for key, b in around.sides.items()}
-    first = min(names, key=lambda name: around.thickness[name].until)
-    end = around.thickness[first].until
-    longer = "errors of longer runs are not predicted" if asked[first] > end + dt else _LONGER
-    return f"the layers meet their target up to t = {end:.6g}, but perhaps not later: {longer}"
-
-
-def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, until: float, dt: float) -> None:
-    """Warn of a run that now lasts longer than its sides were chosen for; warnings that applied at the time `known` are
-    not repeated.
-    """
-    told = outlasted(around, model, known, dt)
-    foretell(around, model, until, dt)
-    for text in outlasted(around, model, until, dt):
-        if text not in told:
-            warn(text)
+def by_first(run: Changeable, work: Callable[[Any], T]) -> T:
+    """Return the result of work on the whole set-up of a run; on several processes the first one does it."""
+    if run.share is None:
+        return work(run)
+    whole = replace(run.setup, dt=run.dt, boundary=run.share.boundary)
+    return run.team.first(run.team.by_first(lambda: work(run.of(whole))))
 
 
 def many_steps(run: Changeable, until: float) -> list[str]:
@@ -229,22 +220,14 @@ def many_steps(run: Changeable, until: float) -> list[str]:
     ]
 
 
-def settled_sides(around: Surroundings, model: LatticeModel) -> dict[str, Side]:
-    """Return the sides by name, with the layers that were chosen for the data, so that they remain the same on another
+def settled_sides(around: Surroundings) -> dict[str, Side]:
+    """Return the sides by name, with extended domains as they were chosen, so that they remain the same on another
     lattice or without data.
     """
     found: dict[str, Side] = {}
     for key, side in around.sides.items():
         name, extent = side_name(*key), around.extents.get(key)
         found[name] = side
-        if name in around.thickness:
-            layer = around.layers[key]
-            found[name] = replace(side, target=side.wanted(model.target), nodes=layer.columns, profile=layer)
-        elif extent is not None and np.isfinite(extent.until):
+        if extent is not None and np.isfinite(extent.until):
             found[name] = replace(side, nodes=extent.nodes, until=extent.until)
     return found
-
-
-def _ends(chosen: Mapping[Any, Any]) -> list[float]:
-    """Lengths of the runs that sides were chosen for."""
-    return [found.until for found in chosen.values()]

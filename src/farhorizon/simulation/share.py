@@ -48,8 +48,6 @@ class Share:
     decomposition : Decomposition
     neighbours : dict of (axis, side) to int
         Process that fills the halo at each side, -1 for none, for the axes along which any does.
-    good_for : float
-        Length of the run for which the layers were chosen.
     host : Host
         Uniform medium relative to which that of the whole run varies.
     whole : Extremes
@@ -61,7 +59,6 @@ class Share:
     setup: Setup
     decomposition: Decomposition
     neighbours: dict[Key, int]
-    good_for: float
     host: Host
     whole: Extremes
     boundary: dict[str, Side]
@@ -118,17 +115,6 @@ class Share:
             if isinstance(load, Traction) and not team.any(bool(force_density(load, part, sides, key).any())):
                 raise InputError("the traction meets no node", value=load.between, key=key, remedy="a wider load")
 
-    def check_length(self, until: float) -> None:
-        """Refuse a run longer than the layers were chosen for."""
-        if until > self.good_for * (1 + 1e-9):
-            raise InputError(
-                "the layers were chosen for a shorter run, and several processes cannot choose new ones",
-                value=until,
-                limit=f"{self.good_for:.6g}",
-                key="boundary",
-                remedy="LatticePML(until=...)",
-            )
-
 
 def share_of(
     setup: Setup, host: Host, around: Surroundings, near: NearField, team: Team, topology: Sequence[int] | None
@@ -180,8 +166,7 @@ def share_of(
         specimens=tuple(replace(one, where=own(one.where)) for one in setup.specimens),
         loads=tuple(_load_on(part, one, number, setup, host.model) for number, one in enumerate(setup.loads)),
     )
-    good_for = min((found.until for found in around.thickness.values()), default=np.inf)
-    share = Share(mine, boxes, boxes.neighbours(team.number), good_for, host, near.extremes, whole_sides)
+    share = Share(mine, boxes, boxes.neighbours(team.number), host, near.extremes, whole_sides)
     share.check_places(team)
     return share
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.extent import Extent
+from farhorizon.analysis.layers.thickness import Thickness
 from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, Certificate, certify
 from farhorizon.checks.report import Report
@@ -42,11 +43,12 @@ from farhorizon.simulation.rest import progress_of, take_progress
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
-from farhorizon.simulation.settling import Settling, many_steps, outlasted, settled_sides, warn_outlasted
+from farhorizon.simulation.settling import Settling, many_steps, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.share import Share, check_given
 from farhorizon.simulation.steps import last_step, seconds_of
 from farhorizon.simulation.team import Team
+from farhorizon.simulation.trials import default_length
 
 
 class Simulation(Run):
@@ -204,13 +206,10 @@ class Simulation(Run):
         self.of_field = of_field(setup)
         self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
-        self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, list(around.doubts)
-        if around.undesigned:
-            self.doubts.append(around.undesigned)
-        self.thickness, self.extents = around.thickness, around.extents
+        self.coefficients, self.incident, self.extents = around.coefficients, parts.incident, around.extents
         every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # 0 beyond sides shared with a neighbour
         self.beyond = {key: max(one[key] for one in every) for key in around.sides}
-        sides = settled_sides(around, near.model)
+        sides = settled_sides(around)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
@@ -248,13 +247,13 @@ class Simulation(Run):
             As in `check_sources`; a kernel or a domain that does not fit into memory.
         """
         self.team.alike({"run.until": until})
-        if self.share is not None:
-            self.share.check_length(until - self.dt)  # the last step may end that much later
         self._settling.settle(self, until)
         self.check_sources(until)
         if self.parts.around.undesigned and not self._end:
             warn(self.parts.around.undesigned)
-        warn_outlasted(self.parts.around, self.model, self._end, until, self.dt)
+        for text in outlasted(self.parts.around, until, self.dt):
+            if text not in outlasted(self.parts.around, self._end, self.dt):
+                warn(text)
         self._end = max(self._end, until)
         last = super().prepare(until)
         self._recording.foresee(until, last)
@@ -275,6 +274,16 @@ class Simulation(Run):
         if self.probes is not None:
             self._watch(self.probes.nodes)
 
+    def _settle_alone(self) -> None:
+        """Choose the sides that state a length of the run or a target, for that length or a usual one, if that has not
+        been done for a run.
+        """
+        if self.step_count or self._settling.good_for:
+            return
+        given = [b for b in self.sides.values() if b.stretched and not b.whole and (b.until or b.target is not None)]
+        if given:
+            self._settling.settle(self, max(b.until or 0.0 for b in given) or default_length(self.parts.near))
+
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps, which the compiled loop computes without returning to Python.
 
@@ -283,7 +292,9 @@ class Simulation(Run):
         UnstableError
             The field became non-finite or grew beyond all bounds.
         """
-        march, last = self._march, self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
+        last = self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
+        self._settle_alone()
+        march = self._march
         while self.step_count < last:
             with self.team.agreed():
                 with uninterrupted():  # engine, records and clock change together
@@ -407,9 +418,27 @@ class Simulation(Run):
     def notes(self) -> list[str]:
         """What is neglected beyond the near field, within the targets of the sides, or cannot be determined."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
-        overdue = outlasted(self.parts.around, self.model, max(self._end, self.time), self.dt)
-        notes = self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue + self._incident_notes
+        overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
+        chosen = self._settling.doubts + self._settling.why
+        notes = self.parts.beyond.notes + ends + self._remarks + chosen + overdue + self._incident_notes
         return notes + self._recording.notes
+
+    @property
+    def thickness(self) -> dict[str, Thickness]:
+        """The layers that were chosen for the data and the length of the run, with the errors that trial runs showed,
+        by name of the side. They are chosen by `run` and `check`, which know the length; those of sides that state a
+        length or a target also by `step` and on reading this attribute.
+        """
+        self._settle_alone()
+        return self._settling.thickness
+
+    @property
+    def doubts(self) -> list[str]:
+        """Warnings about layers and extended domains that miss their targets, or may miss them; `notes` has the first
+        ones, too.
+        """
+        around = self.parts.around
+        return around.doubts + self._settling.doubts + [around.undesigned] * bool(around.undesigned)
 
     @property
     def ends(self) -> dict[str, str]:
@@ -466,6 +495,7 @@ class Simulation(Run):
             Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """
         self.team.alone("certificates")
+        self._settle_alone()
         return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
@@ -488,7 +518,9 @@ class Simulation(Run):
             without `until`.
         """
         self.team.alone("reports")
-        if until is not None:
+        if until is None:
+            self._settle_alone()
+        else:
             self._settling.settle(self, checked_end(until, self.dt))
             self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))

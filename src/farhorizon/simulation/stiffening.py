@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from farhorizon.boundaries import Side
-from farhorizon.engine.engine import Layer
 from farhorizon.medium.scatter import uniform
 from farhorizon.simulation.grid import Grid
-from farhorizon.simulation.layers import looks_at_data
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Setup, side_name
+from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import Team
 
 # Lanczos iteration for the largest squared frequency: largest number of applications of the operator, and relative
@@ -27,7 +22,6 @@ _UNSEEN = 3e-4
 # than those of the trial. Measured with near fields of 13 nodes and layers of 12 and of 58: at most a third of the
 # excess and 0.013 of the rate
 _MORE, _MOST = 0.5, 0.02
-_NODES = 12  # thickness of the layers of a trial
 
 
 def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) -> float:
@@ -60,36 +54,11 @@ def _with_margin(excess: float) -> float:
     return float(f"{1 + excess + min(_MORE * excess, _MOST):.7g}")  # so that the order of sums does not affect the step
 
 
-def trial_of(setup: Setup) -> Setup:
-    """Return a set-up as stiff as the given one in which no layer has to be chosen: a few nodes of the medium replace
-    each layer that depends on the data. The set-up itself is returned if there is no such layer, or if nothing can be
-    stiffer than the medium.
-    """
-    if not _may_stiffen(setup):
-        return setup
-    plain = {key: _plain(side, setup.model.target) for key, side in setup.sides.items()}
-    if all(plain[key] is side for key, side in setup.sides.items()):
-        return setup
-    return replace(setup, boundary={side_name(*key): side for key, side in plain.items()})
-
-
 def _may_stiffen(setup: Setup) -> bool:
     """Whether nodes have states that may lack bonds or have other moduli than the medium."""
     cut = bool(setup.cracks) or not all(side.bonded and not side.closing for side in setup.sides.values())
     cut |= setup.lattice.body is not None and setup.rim == "free"
     return not setup.model.bonds and (cut or bool(setup.model.varying) or setup.coefficient is not None)
-
-
-def _plain(side: Side, default: float) -> Side:
-    """Return the side; if its layer depends on the data, with a layer that absorbs nothing instead, and with the same
-    target, so that margins are the same.
-    """
-    layer = side.as_layer(None, default) if side.undecided else side
-    if not looks_at_data(layer):
-        return side
-    nodes = layer.nodes or _NODES
-    edges = np.ones(nodes + 1)
-    return replace(layer, target=layer.wanted(default), nodes=nodes, profile=Layer(edges, 0 * edges, 0 * edges))  # type: ignore[type-var]
 
 
 def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:

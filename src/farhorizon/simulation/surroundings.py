@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.analysis.extent import Extent
-from farhorizon.analysis.layers.thickness import Thickness
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.setup import Key, Setup, Sides
-
-
-class Foretold(NamedTuple):
-    """Predicted error of a layer up to a time, in a run that continues beyond the length the layer was chosen for."""
-
-    until: float = 0.0
-    error: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,36 +25,20 @@ class Surroundings:
     coefficients : dict of (axis, side) to float
         Squared speed or diffusivity of the medium at each side.
     layers : dict of (axis, side) to Layer
-    thickness : dict of str to Thickness
-        Chosen layers and their predictions, by name of the side.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
     doubts : list of str
-        Warnings about layers that are predicted to miss their targets.
-    notes : list of str
-        Notes on what predictions leave out.
+        Warnings about extended domains that are predicted to miss their targets.
     undesigned : str
         Why layers without a target may reflect more than the model's default target; empty if there is no reason.
-    returned : callable, or None
-        Returns the predicted errors, by (axis, side), of the chosen layers up to a time.
-    foreseeable : float
-        Latest time for `returned`.
-    foretold : dict of str to Foretold
-        Predictions for the chosen layers in a run that continues beyond the length they were chosen for, by name of
-        the side.
     """
 
     sides: Sides
     coefficients: dict[Key, float]
     layers: dict[Key, Layer]
-    thickness: dict[str, Thickness] = field(default_factory=dict)
     extents: dict[Key, Extent] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
     undesigned: str = ""
-    returned: Callable[[float], dict[Key, float]] | None = None
-    foreseeable: float = 0.0
-    foretold: dict[str, Foretold] = field(default_factory=dict)
 
     def width(self, key: Key, stencil: Stencil, spacing: float) -> int:
         """Return the number of nodes of the core that a sponge, an extended side or a condition along the outline needs

@@ -1,39 +1,42 @@
-"""The profiles of lattice PMLs that are tried where the waves of a run determine the thickness.
+"""The families of lattice PMLs from which trial runs choose the layers of a run.
 
-The thinnest member of five families that meets the target is taken (`farhorizon.analysis.layers.thickness`). All are
-stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in their effect on waves that hardly move
-towards the side:
+A family is a profile of any number of nodes. All of them for waves are stretches ``1 + sigma/(s + alpha)`` whose sigma
+rises outwards, and differ in their effect on waves that hardly move towards the side:
 
-- *steep*: little alpha. Travelling waves are reflected least: best below 1e-6 and in short runs.
-- *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
+- *steep*: little alpha. Travelling waves are reflected least: on a line, and where many nodes are needed.
+- *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes in the plane and in space.
 - *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers absorb the backward waves by their
-  frequency, which requires one medium along the whole side. For the weak backward waves of scalars in space, the other
-  families with light dampers.
+  frequency, which requires one medium along the whole side. For the weak backward waves of scalars in space, the thin
+  profiles with light dampers.
 - *short*: for the same stencils, whose damping by wavelength determines the reflection. sigma and damping rise
   together, and the filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
   boxes, long runs.
+- *diffusive*: for diffusion, stretches kappa at the points of Zolotarev's problem between the slowest and the steepest
+  decay of the run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
 
 from farhorizon.analysis.layers.choice import crowded, rising_alpha, smooth_ramp, weak
-from farhorizon.analysis.layers.samples import reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
-from farhorizon.analysis.layers.thickness import Thickness, distance_to_side
 from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layers
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
-_STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles; stronger ones suit waves that travel along the side
+# strengths of the thin profiles that are tried: the first for waves that travel along the side or return often, the
+# second for waves that meet the side once
+_STRENGTHS = (4.0, 2.0)
 _RISE = 0.75  # power of a thin sigma's ramp
 # for weak backward waves in space, by reach: numbers of nodes up to which ramps of these powers are used. Where three
 # layers meet, waves of the largest frequency, which stand still, grow at up to 0.3 speed / spacing if they have room,
@@ -60,10 +63,27 @@ _LEAST = 3  # smallest number of nodes of such layers that was tested
 # largest reach with which late profiles were stable in white noise; with exponent 1 and constant influence, noise grows
 # from 5 on
 _WIDEST = 4
-_MORE_EQUAL = 5  # largest number added for short waves: more hardly help against waves that nearly stand still
-_WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are sampled
-# ratio of the bound of late profiles to measured errors; C of the shortest waves that it covers, 6 nodes long
-_CAREFUL, _STEEPEST_WAVE = 10, 1.3
+# decays of diffusion that matter: the steepest, in nodes of the layer over the distance to the side, which is less the
+# longer the run in units of the time to get there; and the slowest, over the length of diffusion
+_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
+
+
+class Family(NamedTuple):
+    """Layers of one kind.
+
+    Attributes
+    ----------
+    name : str
+    layer : callable
+        The layer of a number of nodes; None where the family has none.
+    """
+
+    name: str
+    layer: Callable[[int], Layer | None]
+
+    def thickest(self, nodes: int) -> Layer | None:
+        """The layer of the family with the most nodes, up to a number; None if there is none."""
+        return next((layer for n in range(nodes, 0, -1) if (layer := self.layer(n)) is not None), None)
 
 
 def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer:
@@ -115,83 +135,6 @@ def _timely(stencil: Stencil) -> bool:
 def _equal_edges(wanted: float) -> int:
     """Number of edges of equal sigma, for waves along the normal, that an error requires."""
     return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
-
-
-def by_formula(
-    stencil: Stencil, pace: float, until: float, data: Sequence[np.ndarray], wanted: float
-) -> Thickness | None:
-    """The late profile that keeps an error by the bound of Zolotarev's problem, ``4 exp(-pi^2 (n + 1/2)/ln(4
-    C_max/C_min))``; None where it grows.
-
-    The bound takes all waves of the line at their largest together; measured errors are 10 to 50 times smaller (2D
-    waveguides
-    of 5 to 1000 crossings, boxes of 10 to 1, permanent loads). It covers waves of 6 nodes and more: for shorter ones in
-    the data there are more edges of equal sigma.
-
-    Parameters
-    ----------
-    stencil : Stencil
-        Its first axis is the normal.
-    pace : float
-        Speed / spacing.
-    until : float
-        Length of the run.
-    data : sequence of ndarray
-        With the normal first, towards the side.
-    wanted : float
-    """
-    if not _timely(stencil):
-        return None
-    aim, distance = _CAREFUL * wanted, distance_to_side(data)
-    least = min(max(distance, 1.0) / (pace * until * np.log(1 / aim)), 1.0)
-    nodes = int(np.ceil(np.log(4 / aim) * np.log(4 * _STEEPEST_WAVE / least) / np.pi**2 + 0.5))
-    equal, nodes = _equal_edges(wanted), max(nodes, max(_EQUAL) + 1)
-    sent = _Sent.of(stencil, pace, data)
-    layer = long_run_profile(nodes, pace, until, distance, wanted, equal)
-    for _ in range(_MORE_EQUAL):
-        if sent.returned(layer) <= wanted:
-            break
-        equal, nodes = equal + 1, nodes + 1
-        layer = long_run_profile(nodes, pace, until, distance, wanted, equal)
-    return Thickness("late", layer, max(wanted, sent.returned(layer)), until, designed=True)
-
-
-def _spectrum(line: np.ndarray) -> np.ndarray:
-    """Largest amplitude of a line's waves in each of `_WAVES` equal parts of the wavenumbers from 0 to pi."""
-    each = -(-len(line) // (2 * _WAVES))
-    return np.asarray(np.abs(np.fft.rfft(line, 2 * _WAVES * each))[1:].reshape(_WAVES, each).max(1))
-
-
-@dataclass(frozen=True)
-class _Sent:
-    """Waves of the wavelengths that data contain along the normal, at some angles to it: factor per node, frequency,
-    and amplitude.
-    """
-
-    root: np.ndarray
-    frequency: np.ndarray
-    amplitude: np.ndarray
-
-    @classmethod
-    def of(cls, stencil: Stencil, pace: float, data: Sequence[np.ndarray]) -> _Sent:
-        """The waves of data, for a stencil without backward waves."""
-        k = np.pi * (np.arange(_WAVES) + 0.5) / _WAVES
-        found = np.max(
-            [_spectrum(np.abs(values).reshape(len(values), -1).max(1)) for values in data], axis=0, initial=0.0
-        )
-        along, across = (np.outer(np.array(part), k) for part in (np.cos(_ANGLES), np.sin(_ANGLES)))
-        symbol = stencil.symbol(
-            along, *([across] + [np.zeros_like(across)] * (stencil.dim - 2) if stencil.dim > 1 else [])
-        )
-        return cls(np.exp(-1j * along), 1j * pace * np.sqrt(np.abs(symbol)), found / (found.sum() or 1.0))
-
-    def returned(self, layer: Layer) -> float:
-        """Reflected amplitude, at the angle where it is largest. Short waves disperse on their way, so their energies
-        add up.
-        """
-        with np.errstate(all="ignore"):  # extreme spacings and speeds overflow
-            back = np.abs(reflected(self.root, self.frequency, layer))
-        return float(np.linalg.norm(self.amplitude * back, axis=1).max())
 
 
 def zolotarev(least: float, count: int) -> np.ndarray:
@@ -264,49 +207,93 @@ def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer
     return found
 
 
-def family(
+def families(
     stencil: Stencil,
     pace: float,
     slowest: float,
-    until: float,
-    distance: float,
-    wanted: float,
+    late: Callable[[int], Layer] | None,
     dt: float | None,
     steep: Callable[[int], Layer],
-) -> Callable[[int], Mapping[str, Layer]]:
-    """The profiles that are tried for waves, by name, as a function of the number of nodes.
+) -> list[Family]:
+    """The families for waves; those that need the fewest nodes or the least time come first.
 
-    Paces are speeds / spacing of the fastest and of the slowest medium along the side. A short layer designed for the
-    fastest medium is too strong for backward waves of the slowest one, and lets them grow by more than its damping
-    removes.
+    A short layer designed for the fastest medium is too strong for backward waves of the slowest one, and lets them
+    grow by more than its damping removes.
 
-    The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it. Tuned
-    profiles are included where a time step is given.
+    Parameters
+    ----------
+    stencil : Stencil
+        Its first axis is the normal.
+    pace, slowest : float
+        Speed / spacing of the fastest and of the slowest medium along the side.
+    late : callable or None
+        The late profile of a number of nodes, where it is made for the run; it is used for scalars without backward
+        waves that reach no more than 4 nodes: others grow in it.
+    dt : float or None
+        Time step, for which dampers are tuned; None where they cannot be used.
+    steep : callable
+        The steep profile of a number of nodes.
     """
-    backward, damped = stencil.backward_waves(), high_pass(stencil)
-    timely = _timely(stencil)
+    damped, own = high_pass(stencil), Family("steep", steep)
+    if crowded(stencil) or (stencil.dim == 1 and weak(damped)):
+        return [own]
+    if not weak(damped):
+        if damped is None or damped.whole:
+            return [own]
+        tuned = [] if dt is None else [_any_of("tuned", lambda nodes: tuned_layers(nodes, stencil, pace, dt))]
+        return [*tuned, _any_of("short", lambda nodes: briefly_damped(nodes, stencil, slowest)), own]
+    found = []
+    for strength in _STRENGTHS:
+        thin_one = _thin_family(stencil, pace, strength)
+        if dt is not None and stencil.backward_waves():
+            found.append(_light_family(thin_one, stencil, pace, dt))
+        found.append(thin_one)
+    if late is not None and _timely(stencil):
+        found.append(Family("late", partial(_from, max(_EQUAL) + 1, late)))
+    return [*found, own]
 
-    def members(nodes: int) -> Mapping[str, Layer]:
-        found = {"steep": steep(nodes)}
-        if crowded(stencil):
-            return found
-        if not weak(damped):
-            if damped is None or damped.whole:
-                return found
-            found |= briefly_damped(nodes, stencil, slowest)
-            return found if dt is None else found | tuned_layers(nodes, stencil, pace, dt)
+
+def _from(least: int, layer: Callable[[int], Layer], nodes: int) -> Layer | None:
+    return layer(nodes) if nodes >= least else None
+
+
+def _any_of(name: str, members: Callable[[int], dict[str, Layer]]) -> Family:
+    """The family of the first members of each number of nodes."""
+    return Family(name, lambda nodes: next(iter(members(nodes).values()), None))
+
+
+def _thin_family(stencil: Stencil, pace: float, strength: float) -> Family:
+    def layer(nodes: int) -> Layer | None:
         rise = steady_rise(stencil, nodes)
-        if rise is not None:
-            for strength in _STRENGTHS[: 3 if backward and rise == _RISE else None]:
-                found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace, rise), stencil)
-        if nodes > max(_EQUAL) and timely:
-            found["late"] = long_run_profile(nodes, pace, until, distance, wanted)
-        return found if dt is None or not backward else _with_light(found, stencil, pace, dt)
+        return None if rise is None else gently_damped(thin(nodes, strength, pace, rise), stencil)
 
-    return members
+    return Family(f"thin ({strength:g})", layer)
 
 
-def _with_light(members: Mapping[str, Layer], stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
-    """Layers by name, those with light dampers in place of a filter first, because they cost less."""
-    light = {f"tuned, {name}": lightly_tuned(layer, stencil, pace, dt) for name, layer in members.items()}
-    return {name: layer for name, layer in light.items() if layer is not None} | dict(members)
+def _light_family(heavy: Family, stencil: Stencil, pace: float, dt: float) -> Family:
+    """The family with light dampers in place of its filter."""
+
+    def layer(nodes: int) -> Layer | None:
+        found = heavy.layer(nodes)
+        return None if found is None else lightly_tuned(found, stencil, pace, dt)
+
+    return Family(f"tuned, {heavy.name}", layer)
+
+
+def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
+    """A layer for diffusion.
+
+    Parameters
+    ----------
+    nodes : int
+    spacing : float
+    spread : float
+        Diffusivity times the length of the run.
+    distance : float
+        Shortest distance between the data and the side.
+    """
+    later = np.log(max(spread / distance**2, 1.0))
+    steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
+    slowest = min(_GRADUAL / np.sqrt(spread), steepest / 2)
+    tau = spacing / 2 * steepest * zolotarev(slowest / steepest, nodes + 1)
+    return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))

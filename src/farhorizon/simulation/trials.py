@@ -1,0 +1,422 @@
+"""Layers chosen by running: a set-up is run with candidates, and the error of each is its difference from a better one.
+
+The run itself contains what a prediction would have to know: corners, walls, free sides, cracks, strata, sources,
+waves of all kinds and every integrator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from farhorizon.analysis.layers.choice import weak
+from farhorizon.analysis.layers.families import Family, diffusive, families, long_run_profile
+from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.layers.thickness import AIM, MOST, Found, NotKept, Thickness, of_nodes, thicker, thinnest
+from farhorizon.analysis.stability import step_seconds
+from farhorizon.boundaries import LatticePML, Side
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError, UnstableError
+from farhorizon.simulation.layers import spreads
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Key, side_name
+from farhorizon.simulation.steps import last_step
+
+#: Length of a run if it is not known: in crossings of the near field for waves, in R^2/diffusivity for diffusion.
+CROSSINGS, LASTING = 20, 10
+# trials take as long as so many runs, or as many seconds if that is more; where a run takes long, a part of its time.
+# Seconds are counted operations of a typical core
+_RUNS, _SECONDS, _LONG, _PART = 1.5, 2.0, 10.0, 0.25
+_TRIALS = 4  # runs that a choice takes, as counted: a reference, two candidates, and parts of others
+_SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
+# comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
+# number
+_LOOKS, _FEWEST_LOOKS, _MOST_LOOKS = 4, 24, 120
+_MOST_VALUES = 2**18  # values of a field that are compared at a time
+# nodes of the first reference: at the beginning and for each decade of the target, for waves whose layers are thin, and
+# for strong backward waves; in space thick layers take too much time to begin with them
+_START, _START_STRONG = (2.0, 1.5), (8.0, 4.0)
+_FAINT = 1e-3  # part of the largest value below which data do not count for their distance to a side
+# smallest target per crossing of the near field for which the layers' memory needs only six digits: under a persistent
+# force the rounding adds up to 4e-6 per crossing, for pulses to a tenth of that
+_SHORT = 1.5e-5
+# rounding error in single precision relative to the largest value at the same time: of diffusion, which decays, and of
+# waves
+_ROUNDED = 1e-4, 2e-6
+_MEASURE = "'farhorizon compare' measures it"
+
+
+class Chosen(NamedTuple):
+    """Layers that were chosen or assessed.
+
+    Attributes
+    ----------
+    sides : dict of (axis, side) to Side
+    thickness : dict of str to Thickness
+        By name of the side.
+    doubts : list of str
+        Warnings about layers that miss their targets.
+    notes : list of str
+    """
+
+    sides: dict[Key, Side]
+    thickness: dict[str, Thickness]
+    doubts: list[str]
+    notes: list[str]
+
+
+class _Record(NamedTuple):
+    """Fields of a run at the times of comparison.
+
+    Attributes
+    ----------
+    fields : ndarray, shape (times, values)
+    sizes : ndarray, shape (times,)
+        What an error at each time is relative to.
+    """
+
+    fields: np.ndarray
+    sizes: np.ndarray
+
+
+@dataclass
+class TrialRuns:
+    """Runs of one set-up with candidate layers on some of its sides.
+
+    Attributes
+    ----------
+    run : Simulation
+        At its start, or later: trials begin at its start.
+    keys : list of (axis, side)
+        Sides of the candidates.
+    wanted : float
+        Target error.
+    until : float
+        Length of the run.
+    """
+
+    run: Any
+    keys: list[Key]
+    wanted: float
+    until: float
+    spent: float = 0.0
+    _reference: _Record | None = None
+    _layers: dict[tuple[Key, str, int], Layer | None] = field(default_factory=dict)
+
+    @property
+    def near(self) -> NearField:
+        """The near field."""
+        return self.run.parts.near
+
+    # --- the candidates ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def families(self) -> list[Family]:
+        """Families of layers for all sides together. Where one side has no layer of a family, such as one beside walls,
+        it has the thickest of its next family.
+        """
+        names = list(dict.fromkeys(family.name for every in self._of_side.values() for family in every))
+
+        def of(name: str) -> Family:
+            def layer(nodes: int) -> Layer | None:
+                own = [self.layer_of(key, name, nodes) for key in self.keys]
+                return max((one for one in own if one is not None), key=lambda one: one.columns, default=None)
+
+            return Family(name, layer)
+
+        return [of(name) for name in names]
+
+    def layer_of(self, key: Key, name: str, nodes: int) -> Layer | None:
+        """Return the layer of a side for a family and a number of nodes; None if no side has one."""
+        known = (key, name, nodes)
+        if known not in self._layers:
+            own = {family.name: family for family in self._of_side[key]}
+            self._layers[known] = own[name].layer(nodes) if name in own else None
+        return self._layers[known]
+
+    @cached_property
+    def _of_side(self) -> dict[Key, list[Family]]:
+        return {key: self._families(key) for key in self.keys}
+
+    def _families(self, key: Key) -> list[Family]:
+        near, spacing, dt = self.near, self.near.lattice.spacing, self.near.dt
+        if near.model.order == 1:
+            spread = near.model.coefficient * near.strongest * self.until
+            distance = spacing * max(1.0, self._distance(key))
+            return [Family("diffusive", lambda nodes: diffusive(nodes, spacing, spread, distance))]
+        coefficient = self.run.coefficients[key]
+        first = 0 if near.continued.same_along(0, key[0]) else key[0]
+        stencil = near.continued.along(first).beside(coefficient / near.model.coefficient)
+        pace = float(np.sqrt(coefficient)) / spacing
+        slowest = pace * float(np.sqrt(near.weakest / max(near.strongest, 1e-300)))
+        uniform = near.squared_speed is None and spreads(self.run.sides, key[0])
+        late = None
+        if self.until > CROSSINGS * near.crossing:
+            distance = self._distance(key)
+
+            def late(nodes: int) -> Layer:
+                return long_run_profile(nodes, pace, self.until, distance, self.wanted)
+
+        def steep(nodes: int) -> Layer:
+            return LatticePML(nodes=nodes).make_layer(2, stencil, coefficient, spacing, 0.0)
+
+        return families(stencil, pace, slowest, late, dt if uniform else None, steep)
+
+    def _distance(self, key: Key) -> float:
+        """Return the nodes between a side and the data, sources and conditions."""
+        axis, side = key
+        near = self.near
+        busy = near.busy.copy()
+        for values in (self.run.start_u, self.run.start_v, *(space for space, _ in self.run.sources)):
+            if values is not None and np.any(values):
+                size = near.size(np.abs(np.reshape(values, near.field_shape)))
+                busy |= size > _FAINT * size.max()
+        planes = np.flatnonzero(np.moveaxis(busy, axis, 0).reshape(near.lattice.shape[axis], -1).any(1))
+        if not planes.size:
+            return 1.0
+        return float(planes[0] if side < 0 else near.lattice.shape[axis] - 1 - planes[-1])
+
+    def sides(self, family: Family, nodes: int) -> dict[Key, Side]:
+        """Return the sides with the layers of a candidate."""
+        found: dict[Key, Side] = {}
+        for key in self.keys:
+            layer = self.layer_of(key, family.name, nodes)
+            if layer is None:  # another family, with as many nodes
+                layer = next(
+                    one for other in self._of_side[key] if (one := self.layer_of(key, other.name, nodes)) is not None
+                )
+            if self._short:
+                layer = replace(layer, short=True)
+            found[key] = replace(self._layered(key), nodes=layer.columns, profile=layer)
+        return found
+
+    def _layered(self, key: Key) -> LatticePML:
+        side = self.run.sides[key]
+        return LatticePML(target=side.wanted(self.near.model.target), until=self.until)
+
+    @cached_property
+    def _short(self) -> bool:
+        """Whether six digits are enough for the memory of the layers: in 3D, where reading it limits the speed, if the
+        target is at least `_SHORT` per crossing, on all absorbing sides.
+
+        Rounding acts as random pushes on the medium beside a layer. A push leaves a velocity behind, so the error grows
+        with the length of the run.
+        """
+        absorbing = [key for key, b in self.run.sides.items() if b.stretched or b.derivatives]
+        if self.near.lattice.dim < 3 or set(absorbing) != set(self.keys):
+            return False
+        return self.wanted >= _SHORT * self.until / self.near.crossing
+
+    def near_layer(self, key: Key) -> Layer:
+        """Return the layer that a side has now."""
+        return self.run.parts.around.layers[key]
+
+    # --- the runs ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Numbers of the steps after which fields are compared. Diffusion slows down as it spreads."""
+        last, near = max(1, last_step(self.tried, self.near.dt)), self.near
+        if near.model.order == 1:
+            found = np.geomspace(max(1.0, last / 3000), last, _FEWEST_LOOKS * 2)
+        else:
+            looks = np.clip(_LOOKS * self.tried / near.crossing, _FEWEST_LOOKS, _MOST_LOOKS)
+            found = np.linspace(last / int(looks), last, int(looks))
+        return np.unique(np.ceil(found).astype(int))
+
+    @cached_property
+    def tried(self) -> float:
+        """Length of the trials: that of the run, or shorter where the run takes long."""
+        cost = self._seconds(self.run, self.until)
+        return self.until * min(1.0, self.allowed / (_TRIALS * cost))
+
+    @cached_property
+    def allowed(self) -> float:
+        """Seconds of a typical core that all trials may take."""
+        cost = self._seconds(self.run, self.until)
+        return max(_SECONDS, _RUNS * cost) if cost < _LONG else max(_SECONDS, _PART * cost)
+
+    def _seconds(self, run: Any, until: float) -> float:
+        """Seconds that a run takes on a typical core, from the nodes that it computes."""
+        nodes = float(np.prod(run.engine.layout.box.nodes))
+        return until / self.near.dt * step_seconds(nodes * self.near.stencil.weights.size)
+
+    def reference(self, family: Family, nodes: int) -> bool:
+        """Run with layers of a family, with which later candidates are compared; return whether there was time."""
+        sim = self._made(self.sides(family, nodes))
+        if sim is None or (self._reference is not None and not self._affords(sim)):
+            return False
+        self._reference = None
+        _, self._reference = self._followed(sim, np.inf)
+        return True
+
+    def error(self, family: Family, nodes: int, enough: float) -> float:
+        """Return the largest difference of a run with layers of a family from the reference; above `enough`, a lower
+        bound of it. Infinite if there was no time for it.
+        """
+        sim = self._made(self.sides(family, nodes))
+        return np.inf if sim is None or not self._affords(sim) else self._followed(sim, enough)[0]
+
+    def _affords(self, sim: Any) -> bool:
+        return self.spent + self._seconds(sim, self.tried) <= max(self.allowed, _SECONDS)
+
+    def _made(self, sides: Mapping[Key, Side]) -> Any:
+        """Return the set-up at its start with other sides; None if that cannot be made."""
+        every = {side_name(*key): side for key, side in {**self.run.sides, **sides}.items()}
+        try:
+            return self.run.remade(boundary=every)
+        except InputError:
+            return None
+
+    def _followed(self, sim: Any, enough: float) -> tuple[float, _Record | None]:
+        """Run a candidate, and return its largest difference from the reference, if there is one, and its record. It
+        ends where the difference is above `enough`.
+        """
+        worst, fields, reference = 0.0, [], self._reference
+        for number, step in enumerate(self.steps):
+            try:
+                with np.errstate(all="ignore"):
+                    sim.step(int(step) - sim.step_count)
+            except UnstableError:
+                return 1 / AIM, None
+            fields.append(self._sampled(sim))
+            if reference is None:
+                continue
+            off = float(np.abs(fields[-1] - reference.fields[number]).max(initial=0.0))
+            worst = max(worst, off / reference.sizes[number])
+            if not worst <= enough:
+                break
+        self.spent += self._seconds(sim, sim.time)
+        if reference is not None:
+            return (worst if np.isfinite(worst) else 1 / AIM), None
+        record = np.array(fields)
+        sizes = np.abs(record).max(1, initial=0.0)
+        if self.near.model.order == 2:
+            sizes[:] = max(sizes.max(), float(np.abs(self.run.start_u).max()))
+        return worst, _Record(record, np.maximum(sizes, 1e-300))
+
+    def _sampled(self, sim: Any) -> np.ndarray:
+        """Return the field without its background; of a large field every few nodes along each axis."""
+        u = sim.fields["u"] - self.near.background
+        stride = int(np.ceil((u.size / _MOST_VALUES) ** (1 / self.near.lattice.dim)))
+        part = u[(..., *[slice(None, None, stride)] * self.near.lattice.dim)]
+        return np.nan_to_num(part.ravel(), posinf=np.inf, neginf=-np.inf)
+
+    # --- the result --------------------------------------------------------------------------------------------
+
+    def chosen(self) -> Found:
+        """Return the thinnest candidate that keeps the target as far as trials can tell, with more nodes where they are
+        shorter than the run.
+        """
+        if self.tried < min(self.until, _SHORTEST * self.near.crossing):
+            found = Found(of_nodes(self.families, self.start), self.start, np.nan, False)
+        else:
+            found = thinnest(self.families, self, AIM * self.wanted, self.start)
+        if self.tried >= self.until:
+            return found
+        nodes = min(MOST, found.nodes + self._more)
+        same = found.family.layer(nodes) is not None
+        return replace(found, family=found.family if same else of_nodes(self.families, nodes), nodes=nodes)
+
+    @property
+    def start(self) -> int:
+        """Nodes of the first reference."""
+        stencil = self.near.continued
+        strong = self.near.model.order == 2 and self.near.lattice.dim < 3 and not weak(high_pass(stencil))
+        first, each = _START_STRONG if strong else _START
+        return int(np.ceil(first - each * np.log10(self.wanted)))
+
+    @property
+    def _more(self) -> int:
+        """Nodes that a run needs beyond those of its trials, by the bound of Zolotarev's problem: the error falls as
+        ``exp(-pi^2 n/ln(4 T))`` for a length of the run T.
+        """
+        longer = np.log(self.until / self.tried) * (1.0 if self.near.model.order == 2 else 0.5)
+        return int(np.ceil(longer * np.log(4 / (AIM * self.wanted)) / np.pi**2))
+
+    def assessed(self) -> float:
+        """Return the error of the layers as they are: their difference from thicker ones, the smaller of two; nan if
+        there is no time for it.
+        """
+        nodes = max(self.near_layer(key).columns for key in self.keys)
+        found = np.nan
+        for _ in range(2):
+            nodes = min(thicker(nodes), 2 * MOST)
+            before = self._reference
+            if not self.reference(of_nodes(self.families, nodes), nodes):
+                self._reference = before
+                return found
+            sim = self._made({key: self.run.sides[key] for key in self.keys})
+            if sim is None or not self._affords(sim):
+                return found
+            found = float(np.fmin(found, self._followed(sim, np.inf)[0]))
+            if found <= self.wanted:
+                break
+        return found
+
+
+def default_length(near: NearField) -> float:
+    """Return the length of run for which layers are chosen if it is not known."""
+    return (CROSSINGS if near.model.order == 2 else LASTING) * near.crossing
+
+
+def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
+    """Choose the layers of some sides for a run of a given length; all have the same number of nodes, and the smallest
+    target of them counts.
+
+    Parameters
+    ----------
+    run : Simulation
+    keys : list of (axis, side)
+    until : float
+
+    Raises
+    ------
+    NotKept
+        No layer of up to 60 nodes keeps a target that is given.
+    """
+    target = run.model.target
+    wanted = min(run.sides[key].wanted(target) for key in keys)
+    trials = TrialRuns(run, keys, wanted, until)
+    found = trials.chosen()
+    if found.error > wanted and any(run.sides[key].target is not None for key in keys):
+        raise NotKept.of(wanted, found.error)
+    sides = trials.sides(found.family, found.nodes)
+    thickness = {
+        side_name(*key): Thickness(found.family.name, side.profile, found.error, until, trials.tried)
+        for key, side in sides.items()
+    }
+    names = ", ".join(thickness)
+    doubts, notes = [], []
+    if found.error > wanted:
+        doubts.append(_missed(found.nodes, names, found.error, wanted, run.model.order))
+    if np.isnan(found.error):
+        notes.append(f"trial runs that show the error of the layers ({names}) take too long; {_MEASURE}")
+    elif trials.tried < until:
+        notes.append(f"trial runs of the layers ({names}) end at t = {trials.tried:.4g}; {_MEASURE}")
+    if run.setup.dtype == "float32" and wanted < _ROUNDED[run.model.order - 1]:
+        doubts.append(f"in single precision, rounding exceeds the target {wanted:g}: use float64 or a larger target")
+    return Chosen(sides, thickness, doubts, notes)
+
+
+def assess_layers(run: Any, keys: list[Key], until: float) -> tuple[float, list[str]]:
+    """Return the error of layers as they are in a run of a given length, nan if a trial takes too long, and a warning
+    if it is above the targets.
+    """
+    wanted = max(run.sides[key].wanted(run.model.target) for key in keys)
+    trials = TrialRuns(run, keys, wanted, until)
+    error = trials.assessed()
+    names = ", ".join(side_name(*key) for key in keys)
+    nodes = max(trials.near_layer(key).columns for key in keys)
+    return error, [_missed(nodes, names, error, wanted, run.model.order)] if error > wanted else []
+
+
+def _missed(nodes: int, names: str, error: float, wanted: float, order: int) -> str:
+    at = "the largest value" if order == 2 else "the largest value at that time"
+    return (
+        f"layers of {nodes} nodes ({names}) reflect {error:.1g} of {at} in trial runs, more than the target {wanted:g}"
+    )
