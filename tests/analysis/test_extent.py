@@ -5,7 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.extent import Waves, extent, largest
-from farhorizon.analysis.layers.side_data import Datum
+from farhorizon.analysis.extent import Datum
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.medium.integrators import Euler, Verlet
 

@@ -8,7 +8,6 @@ import pytest
 import farhorizon as fh
 from farhorizon.simulation import assembly, share
 from farhorizon.simulation.assembly import assembled
-from farhorizon.simulation.returned_waves import ReturnedWaves
 from farhorizon.simulation.stiffening import largest_rate, stiffening, trial_of
 from farhorizon.simulation.team import Team
 

@@ -221,6 +221,8 @@ class Simulation(Run):
             self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
         self._recording = Recording(setup, seen, self.recorders, team, self._march.heating)
+        if any(b.until for b in self.sides.values() if b.stretched):
+            self._settle_alone()
 
     # --- time stepping -----------------------------------------------------------------------------------------
 
@@ -278,7 +280,8 @@ class Simulation(Run):
         """Choose the sides that state a length of the run or a target, for that length or a usual one, if that has not
         been done for a run.
         """
-        if self.step_count or self._settling.good_for:
+        settling = self._settling
+        if self.step_count or settling.good_for or settling.autos:
             return
         given = [b for b in self.sides.values() if b.stretched and not b.whole and (b.until or b.target is not None)]
         if given:

@@ -21,6 +21,7 @@ from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError, UnstableError
+from farhorizon.medium.integrators import RungeKuttaChebyshev
 from farhorizon.simulation.layers import spreads
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, side_name
@@ -31,7 +32,7 @@ CROSSINGS, LASTING = 20, 10
 # trials take as long as so many runs, or as many seconds if that is more; where a run takes long, a part of its time.
 # Seconds are counted operations of a typical core
 _RUNS, _SECONDS, _LONG, _PART = 1.5, 2.0, 10.0, 0.25
-_TRIALS = 4  # runs that a choice takes, as counted: a reference, two candidates, and parts of others
+_TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 _SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
 # comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
 # number
@@ -231,19 +232,31 @@ class TrialRuns:
     @cached_property
     def tried(self) -> float:
         """Length of the trials: that of the run, or shorter where the run takes long."""
-        cost = self._seconds(self.run, self.until)
-        return self.until * min(1.0, self.allowed / (_TRIALS * cost))
+        return self.until * min(1.0, self.allowed / (_TRIALS * self._usual))
 
     @cached_property
     def allowed(self) -> float:
         """Seconds of a typical core that all trials may take."""
-        cost = self._seconds(self.run, self.until)
-        return max(_SECONDS, _RUNS * cost) if cost < _LONG else max(_SECONDS, _PART * cost)
+        return max(_SECONDS, (_RUNS if self._usual < _LONG else _PART) * self._usual)
 
-    def _seconds(self, run: Any, until: float) -> float:
-        """Seconds that a run takes on a typical core, from the nodes that it computes."""
-        nodes = float(np.prod(run.engine.layout.box.nodes))
-        return until / self.near.dt * step_seconds(nodes * self.near.stencil.weights.size)
+    @cached_property
+    def _usual(self) -> float:
+        """Seconds that the run takes with the layers of the first reference."""
+        lattice = self.near.lattice
+        more = [
+            2 * reach + self.start * sum(key[0] == axis for key in self.keys)
+            for axis, reach in enumerate(self.near.stencil.reach)
+        ]
+        return self._seconds(float(np.prod(np.array(lattice.shape) + more)), self.until)
+
+    def _seconds(self, nodes: float, until: float) -> float:
+        """Seconds that a run takes on a typical core."""
+        scheme = self.near.model.integrator
+        stages = scheme.chebyshev if isinstance(scheme, RungeKuttaChebyshev) else 1
+        return until / self.near.dt * step_seconds(nodes * self.near.stencil.weights.size * stages)
+
+    def _takes(self, sim: Any, until: float) -> float:
+        return self._seconds(float(np.prod(sim.engine.layout.box.nodes)), until)
 
     def reference(self, family: Family, nodes: int) -> bool:
         """Run with layers of a family, with which later candidates are compared; return whether there was time."""
@@ -262,7 +275,7 @@ class TrialRuns:
         return np.inf if sim is None or not self._affords(sim) else self._followed(sim, enough)[0]
 
     def _affords(self, sim: Any) -> bool:
-        return self.spent + self._seconds(sim, self.tried) <= max(self.allowed, _SECONDS)
+        return self.spent + self._takes(sim, self.tried) <= self.allowed
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
@@ -290,7 +303,7 @@ class TrialRuns:
             worst = max(worst, off / reference.sizes[number])
             if not worst <= enough:
                 break
-        self.spent += self._seconds(sim, sim.time)
+        self.spent += self._takes(sim, sim.time)
         if reference is not None:
             return (worst if np.isfinite(worst) else 1 / AIM), None
         record = np.array(fields)

@@ -242,7 +242,7 @@ def families(
             return [own]
         tuned = [] if dt is None else [_any_of("tuned", lambda nodes: tuned_layers(nodes, stencil, pace, dt))]
         return [*tuned, _any_of("short", lambda nodes: briefly_damped(nodes, stencil, slowest)), own]
-    found = []
+    found, thin_one = [], own
     for strength in _STRENGTHS:
         thin_one = _thin_family(stencil, pace, strength)
         if dt is not None and stencil.backward_waves():
@@ -250,7 +250,9 @@ def families(
         found.append(thin_one)
     if late is not None and _timely(stencil):
         found.append(Family("late", partial(_from, max(_EQUAL) + 1, late)))
-    return [*found, own]
+    # in space, where trials take long, only for thick layers, in which the thin ones would grow
+    always = stencil.dim < 3
+    return [*found, Family("steep", lambda nodes: steep(nodes) if always or thin_one.layer(nodes) is None else None)]
 
 
 def _from(least: int, layer: Callable[[int], Layer], nodes: int) -> Layer | None:

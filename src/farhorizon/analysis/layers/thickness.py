@@ -14,7 +14,8 @@ from farhorizon.errors import InputError
 MOST = 60  # largest number of nodes of a layer
 # part of the target that the difference of two candidates may reach: it was 0.5 to 1.5 times the error of the thinner
 # one in 200 comparisons with the infinite lattice
-AIM = 0.6
+AIM = 0.5
+_CLEAR = 10  # errors over the aim beyond which it does not matter for the next candidate how large they are
 # nodes of one candidate over those of the next thinner one: with less, both may fail alike, so that their difference is
 # less than the error of either
 _APART = 4 / 3
@@ -133,7 +134,7 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> 
         unknown = Found(first, min(thick, MOST), np.nan, False)
         if not trials.reference(first, thick):
             return unknown
-        found = _first_below(families, trials, aim, thinner(thick))
+        found = _first_below(families, trials, aim, thinner(thick), _CLEAR * aim)
         if found is None:
             return unknown
         if found.kept:
@@ -153,16 +154,16 @@ def of_nodes(families: list[Family], nodes: int) -> Family:
     return next(family for family in families if family.layer(nodes) is not None)
 
 
-def _first_below(families: list[Family], trials: Trials, aim: float, nodes: int) -> Found | None:
-    """The first candidate with at most some nodes whose error is below the aim, or else that with the smallest error;
-    None if there was no time for any.
+def _first_below(families: list[Family], trials: Trials, aim: float, nodes: int, enough: float) -> Found | None:
+    """The first candidate with at most some nodes whose error is below the aim, or else that with the smallest error,
+    which need not be known above `enough`; None if there was no time for any.
     """
     best: Found | None = None
     for family in families:
         layer = family.thickest(nodes)
         if layer is None:
             continue
-        error = trials.error(family, layer.columns, aim)
+        error = trials.error(family, layer.columns, enough)
         if np.isinf(error):
             continue
         found = Found(family, layer.columns, error, error <= aim)
@@ -179,7 +180,7 @@ def _refined(families: list[Family], trials: Trials, aim: float, good: Found) ->
     while good.nodes - low > max(1, good.nodes // _FEWER):
         ahead = np.log(error / (aim / 2)) / np.log(max(error, 2 * aim) / max(min(good.error, aim / 2), 1e-300))
         nodes = int(np.clip(low + np.ceil((good.nodes - low) * ahead), low + 1, good.nodes - 1))
-        found = _first_below(families, trials, aim, nodes)
+        found = _first_below(families, trials, aim, nodes, aim)
         if found is None:
             return good
         if found.kept:
