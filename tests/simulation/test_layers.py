@@ -104,19 +104,6 @@ def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, la
     np.testing.assert_allclose(*sizes, rtol=0.01)
 
 
-def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
-    """A quick one prints nothing."""
-    for patience in (60.0, 0.0):
-        monkeypatch.setattr(layers, "_PATIENCE", patience)
-        fh.Simulation(
-            fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)),
-            fh.Wave(fh.Kernel(3.0, 0, "constant")),
-            fh.LatticePML(target=1e-2, until=20.0),
-            {"u": "exp(-(x**2 + y**2)/4)"},
-        )
-        assert ("nodes without a target need no such" in capfd.readouterr().err) == (patience == 0)
-
-
 def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes():
     """Layers of a few given nodes, for targets down to 1e-5; also beside a free side, and in a medium with damping."""
     pml = fh.LatticePML(nodes=4, target=1e-4)
@@ -127,13 +114,11 @@ def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes(
         assert not sim.engine.tables.filter.runs.size and sim.engine.tables.dampers.runs.size
 
 
-@pytest.mark.parametrize(("layer", "asked"), [({"nodes": 4}, 1), ({}, 0)])
-def test_what_comes_back_from_sides_that_are_alike_is_asked_once(monkeypatch, layer, asked):
-    """And not at all for layers that are chosen, since these are assessed by the waves that arrive there."""
+def test_what_comes_back_from_sides_that_are_alike_is_asked_once(monkeypatch):
     calls = []
     monkeypatch.setattr(layers, "as_quiet", lambda *one: calls.append(one) or as_quiet(*one))
-    sim = cube(3.0, boundary=fh.LatticePML(target=1e-4, until=20.0, **layer))
-    assert len(calls) == asked
+    sim = cube(3.0, boundary=fh.LatticePML(target=1e-4, nodes=4))
+    assert len(calls) == 1
     assert all(one.tuned.size for one in sim.engine.layers.values())
 
 
@@ -174,32 +159,6 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
     assert 1e-7 < worst <= 1e-3
     fine = fh.Simulation(lattice, model, fh.LatticePML(target=1e-8, until=80.0), {"u": u}, threads=1)
     assert all(one.layer.filtered for one in fine.thickness.values())
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("wall", [fh.Free(), fh.Fixed()], ids=["free", "held"])
-def test_filters_that_end_at_walls_take_more_nodes(wall):
-    """Only where the filter damps backward waves and the target is small. Where the number of nodes is given, a note
-    states what the layers reflect.
-    """
-
-    def chosen(model, target, wall, **options):
-        layer = fh.LatticePML(target=target, until=60.0, **options)
-        sides = {"x": layer, "y-": layer if wall is None else wall, "y+": layer}
-        pulse = "exp(-((x - 15)**2 + (y - 15)**2)/12)"
-        return fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (30.0, 30.0)), model, sides, {"u": pulse})
-
-    wide, usual = fh.Wave(fh.Kernel(3.0, 1)), fh.Wave(fh.Kernel(3.0, 2))
-    nodes = {
-        (model.operator.exponent, target, there is None): chosen(model, target, there).thickness["x+"].nodes
-        for model, target in ((wide, 1e-3), (wide, 1e-6), (usual, 1e-6))
-        for there in (None, wall)
-    }
-    assert nodes[1, 1e-6, False] > 1.5 * nodes[1, 1e-6, True]
-    assert nodes[1, 1e-3, False] <= nodes[1, 1e-3, True] + 2
-    assert nodes[2, 1e-6, False] <= nodes[2, 1e-6, True] + 2
-    notes = chosen(wide, 1e-6, wall, nodes=24).notes
-    assert any("layers of 24 nodes" in note and "predicted to reflect" in note for note in notes)
 
 
 def scattering(random, wave, side=None):
@@ -285,25 +244,6 @@ def test_waves_that_run_away_from_a_side_are_scattered_back_to_it(where):
     assert curve["error_max_over_run"] < 1e-6 * found.initial
 
 
-def test_a_source_that_is_silent_at_first_counts_in_diffusion():
-    """It was once ignored beside initial data, and the layers next to it were those for the data alone."""
-    lattice = fh.Lattice(1.0, (0.0,), (80.0,))
-    place, start = np.zeros(81), np.exp(-(((np.arange(81) - 40) / 3.0) ** 2))
-    place[76] = 1.0
-
-    def layers_with(*sources):
-        boundary = fh.LatticePML(target=1e-5, until=4000.0)
-        run = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(1.0)), boundary, {"u": start}, sources=sources, threads=1)
-        return [layer.columns for layer in run.engine.layers.values()]
-
-    (before, after), (before_late, after_late) = layers_with(), layers_with(fh.Source(place, time=lambda t: t))
-    assert before_late == before and after_late > after + 2
-    # a source that is zero at all sampled times is not taken for a steady one, either
-    assert layers_with(fh.Source(place, time=lambda t: float(210 < t < 215))) == [before_late, after_late]
-    steady = layers_with(fh.Source(place))
-    assert steady[0] == before and after < steady[1] < after_late
-
-
 @pytest.mark.parametrize(
     ("dim", "reach", "target"), [(2, 1.0, 1e-6), pytest.param(3, 2.0, 1e-5, marks=pytest.mark.slow)]
 )
@@ -326,20 +266,6 @@ def test_waves_that_alternate_under_an_angle_only_are_kept_back_in_diffusion(dim
         worst = max(worst, float(np.abs(sim.fields["u"] - exact).max() / np.abs(exact).max()))
     print(worst / target, [layer.columns for layer in sim.engine.layers.values()])
     assert worst < target
-
-
-@pytest.mark.parametrize("length", [8.0, 16.0])
-def test_which_wave_sets_a_thickness_is_said(length):
-    """For long packets of a single wavelength, in the plane, that travel along the normal of the side."""
-    lattice = fh.Lattice(1.0, (-90.0, 0.0), (90.0, 7.0))
-    packet = f"exp(-(x/28)**2)*cos(2*pi*x/{length})"
-    layer = fh.LatticePML(target=1e-4, until=300.0)
-    sides = {"x": layer, "y": fh.Periodic()}
-    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": packet}, threads=1)
-    found = sim.thickness["x-"].set_by.split()
-    print(*found)
-    assert found[0] == "waves" and float(found[2]) == pytest.approx(length, rel=0.2) and found[-2:] == ["0", "degrees"]
-    assert "set by waves of" in sim.check(300.0).details
 
 
 @pytest.mark.parametrize(
@@ -367,18 +293,6 @@ def test_what_a_refusal_in_diffusion_names_is_kept():
         make(1e-13)
     least = float(refused.value.limit.removeprefix(">= "))
     assert least > 1e-13 and all(found.predicted <= least for found in make(least).thickness.values())
-
-
-@pytest.mark.parametrize(("end", "said"), [(1e4, "are not predicted"), (60.0, "chooses them for a longer run")])
-def test_a_run_beyond_its_layers_is_told_to_ask_for_longer_ones_only_where_there_are_any(end, said):
-    """The warning depends on what was asked of the layers that end first; for solids, 60 crossings are predicted."""
-    lattice, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), fh.Elastic(fh.Kernel(2.0), young=1.0)
-    bell = "exp(-(x**2+y**2)/8)"
-    layers = {"x": fh.LatticePML(target=1e-2, until=end), "y": fh.LatticePML(target=1e-2, until=1e4)}
-    sim = fh.Simulation(lattice, model, layers, {"u": [bell, bell]}, threads=1)
-    sim.step(1)  # from here on the layers are fixed
-    with pytest.warns(fh.ValidityWarning, match=said):
-        sim.run(until=sim.thickness["y-"].until + 1.0, progress=False)
 
 
 def test_a_layer_that_chooses_itself_beside_a_profile_by_hand():

@@ -1,4 +1,4 @@
-"""How much faster solids with cracks oscillate than whole ones, and that layers are chosen once, for that step."""
+"""How much faster solids with cracks oscillate than whole ones, and that layers are chosen for that step."""
 
 import itertools
 
@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.simulation import assembly, share
 from farhorizon.simulation.assembly import assembled
-from farhorizon.simulation.stiffening import largest_rate, stiffening, trial_of
+from farhorizon.simulation.stiffening import largest_rate, stiffening
 from farhorizon.simulation.team import Team
 
 KERNEL = fh.Kernel(2.0)
@@ -174,8 +174,9 @@ def test_a_run_with_the_step_that_was_found_is_stable(name, cracks):
     sim.step(150)
     early = np.abs(sim.fields["u"]).max()
     sim.step(1500)
-    # oscillations at the crack, faster than any wave, persist
-    assert sim.dt == pytest.approx(sim.step_limit / 2) and np.abs(sim.fields["u"]).max() < 1.5 * early
+    # the limit is that of the chosen layers, the step half of that of others: up to 0.013 of the rate apart (see
+    # `stiffening`); oscillations at the crack, faster than any wave, persist
+    assert sim.dt == pytest.approx(sim.step_limit / 2, rel=0.0065) and np.abs(sim.fields["u"]).max() < 1.5 * early
 
 
 @pytest.mark.sampled(2)
@@ -191,33 +192,26 @@ def test_the_limit_is_that_of_the_layers_that_were_chosen(name, cracks):
 
 
 @pytest.mark.parametrize(
-    ("boundary", "asked", "chosen"),
-    [
-        (CHOSEN, "layer", 4),
-        ({"all": CHOSEN, "y+": fh.Free()}, "layer", 3),
-        (fh.LatticePML(target=1e-2, nodes=5, until=2.0), "returned", 4),
-        (fh.Auto(target=1e-2, until=15.0), "layer", 4),
-    ],
-    ids=["by target", "half-space", "nodes with a target", "auto"],
+    "boundary",
+    [CHOSEN, {"all": CHOSEN, "y+": fh.Free()}, fh.Auto(target=1e-2, until=15.0)],
+    ids=["by target", "half-space", "auto"],
 )
 @pytest.mark.parametrize("name", ["state-based", "correspondence"])
-def test_layers_are_chosen_once(monkeypatch, name, boundary, asked, chosen):
-    calls = counted(monkeypatch, ReturnedWaves, asked)
-    assemblies = counted(monkeypatch, assembly, "assembled")
+def test_the_step_does_not_depend_on_the_layers_that_are_chosen(name, boundary):
     sim = fh.Simulation.of(setup_of(name, boundary))
-    assert len(calls) == chosen and len(assemblies) == 2
-    assert sim.setup.boundary == setup_of(name, boundary).boundary  # what was given
+    dt = sim.dt
+    sim.run(until=15.0)
+    assert sim.dt == dt and sim.setup.boundary == setup_of(name, boundary).boundary  # what was given
 
 
 def test_what_is_not_stiffer_is_assembled_once(monkeypatch):
-    """No layer is chosen, and the crack adds nothing; or no bond is cut; or the bonds are springs."""
+    """The crack adds nothing; or no bond is cut; or the bonds are springs."""
     assemblies = counted(monkeypatch, assembly, "assembled")
     for setup in (
         setup_of("state-based", fh.LatticePML(nodes=5)),
-        setup_of("state-based", cracks=()),
-        fh.Setup(LATTICE, fh.Elastic(KERNEL, 1.0), CHOSEN, PULSE, cracks=[CRACK]),
+        setup_of("state-based", fh.LatticePML(), cracks=()),
+        fh.Setup(LATTICE, fh.Elastic(KERNEL, 1.0), fh.LatticePML(), PULSE, cracks=[CRACK]),
     ):
-        assert trial_of(setup) is setup
         assemblies.clear()
         fh.Simulation.of(setup)
         assert len(assemblies) == 1
@@ -246,8 +240,6 @@ def test_a_set_up_serves_whose_trial_does_not():
 def test_what_is_refused_is_said_of_the_set_up_itself():
     with pytest.raises(fh.InputError, match="only straight along its normal"):
         fh.Simulation.of(setup_of("correspondence", cracks=[[(2.0, 0.2), (30.0, 14.0)]]))
-    with pytest.raises(fh.InputError, match="no layer meets the target"):
-        fh.Simulation.of(setup_of("correspondence", fh.LatticePML(target=1e-13, until=15.0)))
 
 
 def test_a_lattice_on_which_no_layer_is_chosen_is_refused_before_any_work(monkeypatch):

@@ -212,6 +212,14 @@ class TrialRuns:
             return False
         return self.wanted >= _SHORT * self.until / self.near.crossing
 
+    def _as_it_is(self, key: Key) -> Side:
+        """Return a side of the run; if it has a layer, with this layer, so that nothing is chosen or assessed."""
+        side = self.run.sides[key]
+        if not side.stretched:
+            return side
+        layer = self.near_layer(key)
+        return replace(side, nodes=layer.columns, profile=layer)
+
     def near_layer(self, key: Key) -> Layer:
         """Return the layer that a side has now."""
         return self.run.parts.around.layers[key]
@@ -279,9 +287,9 @@ class TrialRuns:
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
-        every = {side_name(*key): side for key, side in {**self.run.sides, **sides}.items()}
+        every = {key: self._as_it_is(key) for key in self.run.sides} | dict(sides)
         try:
-            return self.run.remade(boundary=every)
+            return self.run.remade(boundary={side_name(*key): side for key, side in every.items()})
         except InputError:
             return None
 
@@ -363,7 +371,7 @@ class TrialRuns:
             if not self.reference(of_nodes(self.families, nodes), nodes):
                 self._reference = before
                 return found
-            sim = self._made({key: self.run.sides[key] for key in self.keys})
+            sim = self._made({})
             if sim is None or not self._affords(sim):
                 return found
             found = float(np.fmin(found, self._followed(sim, np.inf)[0]))
