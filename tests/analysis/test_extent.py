@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.extent import Waves, extent, largest
-from farhorizon.analysis.extent import Datum
+from farhorizon.analysis.extent import Datum, Waves, extent, largest
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.medium.integrators import Euler, Verlet
 

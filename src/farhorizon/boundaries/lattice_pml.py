@@ -62,21 +62,18 @@ class LatticePML(Side):
     ----------
     target : float, optional
         Desired error, for waves relative to the largest value, for diffusion relative to the largest value at the same
-        time. The layer is the thinnest that is predicted to meet the target for the data, the shape of the near field
-        and the length of the run. A target that no layer meets is refused, and so is a target below the part of the
-        data that consists of short waves that no prediction follows: those that a step of diffusion near its limit
-        hardly damps and, in a varying medium, backward waves of scalar fields. Without a target, scalar waves without
-        backward waves have a layer designed for 1e-5 by a formula from the length of the run and the distance of the
-        data; for diffusion and for waves in a medium with a reaction the layer is chosen for 1e-5; others have a fixed
-        number of nodes.
+        time; 1e-5 unless given. The layer is the thinnest with which trial runs of the set-up keep the target
+        (`farhorizon.simulation.trials`). It is chosen when the length of the run is known: by `run` and `check`, or
+        where `until` is given. A target that no layer of up to 60 nodes keeps is refused, with the smallest one that
+        can be had; without a target the best layer is taken then, with a warning.
     nodes : int, optional
-        Fixes the thickness in nodes. If a target is given as well, a note reports where these nodes do not meet it; a
+        Fixes the thickness in nodes. If a target is given as well, a trial run shows whether these nodes meet it; a
         target of 1e-5 or more allows dampers to replace the filter in layers of up to 12 nodes for scalar fields in 3D,
         if these then reflect no more than before (`docs/explanation/backward_waves.md`).
     profile : mapping or Layer, optional
         Stretch specified by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
         ``nodes + 1`` values from the near field outwards; names left out default to 1, 0 and 0. Requires `nodes`; if a
-        target is given, a note reports where it is not met. Alternatively a complete `Layer`, which is not assessed.
+        target is given, a trial run shows whether it is met. Alternatively a complete `Layer`, which is not assessed.
     until : float, optional
         Length of the run for which a target is to hold: in a case file the end of the run, otherwise 20 crossings of
         the near field, for diffusion 10 R^2/diffusivity.

@@ -126,17 +126,3 @@ def test_waves_are_reflected_together_as_one_by_one(model):
     waves = [medium.plane_wave(length, angle) for length, angle in ((9.0, 0.0), (14.0, 35.0), (40.0, 75.0))]
     for together, wave in zip(amplitudes_of(waves, layer), waves, strict=True):
         np.testing.assert_allclose(together, layer_amplitudes(wave, layer), rtol=1e-6, atol=1e-12)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_carrier_has_the_speed_of_its_waves(dim):
-    model = fh.Elastic(fh.Kernel(2.0, 1), young=2.0, poisson=0.3, density=3.0, material="state-based")
-    medium = LatticeMedium(
-        model.stencil(0.5, dim), model.coefficient, 0.5, Recursion.of(model.integrator, 0.01, 0.0), 0.01
-    )
-    for kind, speed in enumerate((model.p_speed, model.s_speed)):
-        carrier = medium.carrier(kind)
-        symbol = float(carrier.stencil.symbol(*(1e-3, *[0.0] * (dim - 1))))
-        assert carrier.rate * symbol == pytest.approx((speed * 1e-3 / 0.5) ** 2, rel=1e-3)
-    scalar = LatticeMedium(fh.Wave(fh.Kernel(2.0)).stencil(0.5, dim), 1.0, 0.5, medium.recursion, 0.01)
-    assert scalar.carrier(0) is scalar

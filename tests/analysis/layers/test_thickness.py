@@ -1,88 +1,91 @@
-"""The number of nodes that layers need."""
-
-from types import SimpleNamespace
+"""The search for the thinnest layer, with errors that are given functions of the number of nodes."""
 
 import numpy as np
 import pytest
 
-import farhorizon as fh
-from farhorizon.analysis.layers.families import thin
-from farhorizon.analysis.layers.thickness import NotKept, distance_to_side, keeps, least, thinnest
+from farhorizon.analysis.layers.families import Family, thin
+from farhorizon.analysis.layers.thickness import MOST, NotKept, Thickness, thicker, thinner, thinnest
 
 
-class Waves:
-    """Waves of which a layer reflects a given function of its number of nodes, or all of them by a rough estimate."""
+class Errors:
+    """Trials in which layers of a family have an error by their number of nodes; the difference of two is the sum."""
 
-    medium = SimpleNamespace(stencil=fh.Stencil.finite_difference(2))
-    largest = 1.0
+    def __init__(self, of_nodes, most=1000):
+        self.of_nodes, self.left, self.made = of_nodes, most, []
 
-    def __init__(self, error, rough=False):
-        self.error, self.rough, self.tried = error, rough, []
+    def _affords(self, family, nodes):
+        self.left -= 1
+        self.made.append((family.name, nodes))
+        return self.left >= 0
 
-    def share(self, layer):
-        return 1.0
+    def reference(self, family, nodes):
+        self.better = self.of_nodes(family.name, nodes)
+        return self._affords(family, nodes)
 
-    def returned(self, layer, enough=np.inf, closely=False):
-        self.tried.append(layer.columns)
-        return 1.0 if self.rough and enough < np.inf and not closely else self.error(layer.columns)
-
-    def strongest(self, layer):
-        return 1.0, ""
-
-
-def one_member(nodes):
-    return {"thin": thin(nodes, 4.0, 1.0)}
+    def error(self, family, nodes, enough):
+        if not self._affords(family, nodes):
+            return np.inf
+        return min(self.of_nodes(family.name, nodes) + self.better, 1.1 * enough)
 
 
-@pytest.mark.parametrize("exact", [1e-8, 0.9e-5, 1e-4])
-def test_what_a_refusal_names_is_more_than_was_asked(exact):
-    """The closed form may be far above the actual reflection; when the last layer was judged by it, targets were
-    refused that the layer would have kept.
-    """
-    waves = [Waves(lambda nodes: exact, rough=True)]
-    limit = least(one_member, waves, 1.0)
-    if limit <= 1e-5:
-        assert thinnest(one_member, waves, 1e-5, 1.0).nodes == 60
-    else:
-        with pytest.raises(NotKept) as refused:
-            thinnest(one_member, waves, 1e-5, 1.0)
-        assert refused.value.least >= limit > 1e-5
-    assert keeps(one_member, waves, 1.001 * limit, 1.0)
-    assert not keeps(one_member, waves, 0.999 * limit, 1.0)
+def family(name="thin", least=1, most=1000):
+    return Family(name, lambda nodes: thin(nodes, 4.0, 1.0) if least <= nodes <= most else None)
 
 
-@pytest.mark.parametrize("fall", [3.0, 1.6, 1.25])
-@pytest.mark.parametrize("start", [0, 12, 50])
-@pytest.mark.parametrize("floor", [0.0, 1e-6, 3.9e-6])
-@pytest.mark.parametrize("more", [0.0, 5.9e-6])
-def test_few_layers_are_judged_to_find_the_thinnest(fall, start, floor, more):
-    """From any starting number of nodes, the thinnest layer is found to a sixteenth if the error falls as expected,
-    and to a third in any case.
-    """
-    waves = Waves(lambda nodes: max(fall**-nodes, floor))
-    found = thinnest(one_member, [waves], 1e-5, 1.0, lambda layer: more, start=start)
-    least_nodes = int(np.ceil(np.log(2.5e5) / np.log(fall)))
-    known = least_nodes < 16 or (not floor and least_nodes > 0.75 * start)
-    assert least_nodes <= found.nodes <= (least_nodes * 17 // 16 if known else 4 * least_nodes / 3 + 1)
-    assert found.predicted == waves.error(found.nodes) + more
-    before = {0: 9, 12: 3, 50: 0}[start]  # at most, to reach it from below
-    assert len(waves.tried) - before <= (9 if floor else 5)
-    assert len(set(waves.tried)) == len(waves.tried)
+def test_a_reference_has_a_third_more_nodes():
+    assert [thinner(n) for n in (2, 3, 4, 8, 20, 80)] == [1, 2, 3, 6, 15, 60]
+    assert all(thinner(thicker(n)) >= n > thinner(thicker(n) - 1) for n in range(1, 100))
 
 
-def test_an_error_that_is_no_number_is_too_large():
-    waves = Waves(lambda nodes: np.nan if nodes < 12 else 3.0**-nodes)
-    assert thinnest(one_member, [waves], 1e-5, 1.0).nodes == 12
+@pytest.mark.parametrize("fall", [5.0, 3.0, 1.6, 1.25])
+@pytest.mark.parametrize("start", [3, 9, 20, 40])
+def test_the_thinnest_layer_is_found_with_few_trials(fall, start):
+    """To an eighth of its nodes, whatever the first reference is."""
+    trials = Errors(lambda name, nodes: fall**-nodes)
+    found = thinnest([family()], trials, 1e-5, start)
+    least = int(np.ceil(np.log(1e5) / np.log(fall)))
+    assert found.kept and found.error <= 1e-5
+    assert least <= found.nodes <= max(least + 1, 9 * least / 8 + 1)
+    assert len(trials.made) <= 14
 
 
-def test_layers_known_to_be_too_thin_are_not_judged():
-    waves = Waves(lambda nodes: 2.0**-nodes)
-    assert thinnest(one_member, [waves], 1e-5, 1.0, too_few=17, start=18).nodes == 18
-    assert waves.tried == [18]
+def test_the_first_family_that_serves_is_taken_even_if_another_is_better_with_more_nodes():
+    falls = {"tuned": 6.0, "steep": 2.0}
+    families = [family("tuned", 3, 8), family("steep")]
+    found = thinnest(families, Errors(lambda name, nodes: falls[name] ** -nodes), 1e-5, 12)
+    assert (found.family.name, found.nodes) == ("tuned", 8)
+    found = thinnest(families, Errors(lambda name, nodes: falls[name] ** -nodes), 1e-7, 12)
+    assert found.family.name == "steep" and 24 <= found.nodes <= 27
 
 
-def test_distance_of_data():
-    values = np.zeros((30, 5))
-    values[10, 2], values[12, 1] = 1.0, 1e-5
-    assert distance_to_side([values, np.zeros((30, 5))]) == 19
-    assert distance_to_side([np.zeros((30, 5))]) == 0
+def test_nothing_is_accepted_whose_reference_is_worse_than_it_should_be():
+    """Layers of nine nodes and more of this family have a floor above the aim."""
+    trials = Errors(lambda name, nodes: max(3.0**-nodes, 2e-5 if nodes < 40 else 1e-9))
+    found = thinnest([family()], trials, 1e-5, 12)
+    assert found.kept and found.nodes >= 40
+
+
+def test_what_no_layer_keeps_names_the_smallest_error_of_up_to_sixty_nodes():
+    trials = Errors(lambda name, nodes: 1e-3 / nodes)
+    found = thinnest([family()], trials, 1e-6, 8)
+    assert not found.kept and found.nodes == MOST and ("thin", thicker(MOST)) in trials.made
+    assert found.error == pytest.approx(1e-3 / 60 + 1e-3 / 80)
+    refusal = NotKept.of(1e-6, found.error)
+    assert refusal.least == pytest.approx(3e-5) and "Auto or Extended" in str(refusal)
+
+
+@pytest.mark.parametrize("most", range(1, 7))
+def test_a_search_without_time_says_that_it_does_not_know(most):
+    """After a reference and a candidate it takes as many nodes as their difference suggests."""
+    trials = Errors(lambda name, nodes: 2.0**-nodes, most)
+    found = thinnest([family()], trials, 1e-6, 9)
+    assert found.kept or np.isnan(found.error)
+    assert found.nodes >= (9 if most < 2 else 12) and len(trials.made) <= most + 1
+
+
+def test_a_layer_tells_its_trial():
+    layer = thin(6, 4.0, 1.0)
+    told = str(Thickness("thin (4)", layer, 3e-6, 100.0, 40.0))
+    assert told == "thin (4) profile, error in trial runs 3e-06 of the largest value up to t = 40"
+    assert str(Thickness("steep", layer, np.nan)) == "steep profile, without a trial run"
+    assert repr(Thickness("steep", layer, np.nan)).startswith("Thickness(6 nodes, ")

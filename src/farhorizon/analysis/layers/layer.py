@@ -16,7 +16,7 @@ and the modes of the medium in front of the layer form one small linear system.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -137,32 +137,6 @@ class LatticeMedium:
     def speed(self) -> float:
         """Speed of waves."""
         return float(np.sqrt(self.coefficient))
-
-    def slower(self, ratio: float) -> LatticeMedium:
-        """The medium on the same lattice whose squared speed is that of this one times a ratio."""
-        return replace(self, stencil=self.stencil.beside(ratio), coefficient=self.coefficient * ratio)
-
-    def carrier(self, kind: int) -> LatticeMedium:
-        """A scalar medium in which long waves have the speed of one type, and whose dispersion is similar; a scalar
-        medium is returned unchanged.
-
-        Parameters
-        ----------
-        kind : int
-            Number of the type among `types_of`.
-
-        Returns
-        -------
-        LatticeMedium
-        """
-        stencil = self.stencil
-        if stencil.components == 1:
-            return self
-        # speeds along the normal, P first
-        squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)
-        weights = np.trace(stencil.weights, axis1=1, axis2=2) * squared[kind] / squared.sum()
-        reaction = float(np.diag(stencil.own)[kind])
-        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0], reaction))
 
     def wave(
         self,

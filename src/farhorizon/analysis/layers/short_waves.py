@@ -153,21 +153,6 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     return replace(chosen, strength=_MARGIN * rate)
 
 
-def short_share(values: np.ndarray, first: float) -> float:
-    """Largest value of the part of a field with wavenumbers times spacing of at least `first`, over that of the field.
-
-    Parameters
-    ----------
-    values : ndarray
-        Not zero everywhere; taken to be periodic.
-    first : float
-    """
-    axes = np.ix_(*[2 * np.pi * np.fft.fftfreq(n) for n in values.shape])
-    short = sum(axis**2 for axis in axes) >= first**2
-    part = np.fft.ifftn(np.where(short, np.fft.fftn(values), 0)).real
-    return float(np.abs(part).max() / np.abs(values).max())
-
-
 def _standing(stencil: Stencil) -> np.ndarray:
     """Growth over sigma that is assumed for waves on a line that stand still between others that run forward.
 

@@ -15,12 +15,11 @@ MOST = 60  # largest number of nodes of a layer
 # part of the target that the difference of two candidates may reach: it was 0.5 to 1.5 times the error of the thinner
 # one in 200 comparisons with the infinite lattice
 AIM = 0.5
-_CLEAR = 10  # errors over the aim beyond which it does not matter for the next candidate how large they are
 # nodes of one candidate over those of the next thinner one: with less, both may fail alike, so that their difference is
 # less than the error of either
 _APART = 4 / 3
 _FEWER = 8  # the search ends where fewer nodes would save at most an eighth of them
-_MOST_AHEAD = 2.5  # largest factor on the nodes from one candidate to the next, since the error need not fall regularly
+_MOST_AHEAD = 4  # largest factor on the nodes from one candidate to the next, since the error need not fall regularly
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,7 +133,7 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> 
         unknown = Found(first, min(thick, MOST), np.nan, False)
         if not trials.reference(first, thick):
             return unknown
-        found = _first_below(families, trials, aim, thinner(thick), _CLEAR * aim)
+        found = _first_below(families, trials, aim, thinner(thick), np.inf)
         if found is None:
             return unknown
         if found.kept:
