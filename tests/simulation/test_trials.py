@@ -102,12 +102,19 @@ def test_layers_are_chosen_when_the_length_of_the_run_is_known():
     sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(), PULSE)
     assert not sim.thickness
     sim.check(until=40.0)
-    assert {one.until for one in sim.thickness.values()} == {40.0}
     before = sim.beyond
     sim.run(40.0)
     assert sim.beyond == before and max(one.predicted for one in sim.thickness.values()) <= 1e-5
     stated = fh.Simulation(LATTICE, WAVE, fh.LatticePML(until=40.0), PULSE)
-    assert stated.beyond == before
+    assert {one.until for one in stated.thickness.values()} == {40.0}
+
+
+def test_runs_are_often_continued():
+    """Where trials of twenty crossings take little time, layers are chosen for these, unless a side states a length."""
+    sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(), PULSE)
+    for end in (1.0, 10.0, 100.0, 20 * sim.crossing):
+        sim.run(end)
+    assert {one.until for one in sim.thickness.values()} == {20 * sim.crossing} and not sim.notes
 
 
 def test_the_run_begins_where_it_would_have_begun():

@@ -98,7 +98,7 @@ class Settling:
         else:
             self._choose(run, until)
         self._assess(run, until)
-        self.good_for = until
+        self.good_for = max([until, *(one.until for one in self.thickness.values())])
 
     def _choose(self, run: Changeable, until: float) -> None:
         """Choose the open-ended sides."""

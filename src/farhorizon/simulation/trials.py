@@ -386,8 +386,9 @@ def default_length(near: NearField) -> float:
 
 
 def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
-    """Choose the layers of some sides for a run of a given length; all have the same number of nodes, and the smallest
-    target of them counts.
+    """Choose the layers of some sides for a run of a given length, and for a usual one if that is longer and trials of
+    it take no more than two seconds: runs are often continued. All sides have the same number of nodes, and the
+    smallest target of them counts.
 
     Parameters
     ----------
@@ -403,6 +404,9 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
     target = run.model.target
     wanted = min(run.sides[key].wanted(target) for key in keys)
     trials = TrialRuns(run, keys, wanted, until)
+    usual = TrialRuns(run, keys, wanted, max(until, default_length(run.parts.near)))
+    if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == _SECONDS:
+        trials, until = usual, usual.until
     found = trials.chosen()
     if found.error > wanted and any(run.sides[key].target is not None for key in keys):
         raise NotKept.of(wanted, found.error)
