@@ -21,6 +21,7 @@ from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError, UnstableError
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.integrators import RungeKuttaChebyshev
 from farhorizon.simulation.layers import spreads
 from farhorizon.simulation.near_field import NearField
@@ -48,6 +49,7 @@ _SHORT = 1.5e-5
 # rounding error in single precision relative to the largest value at the same time: of diffusion, which decays, and of
 # waves
 _ROUNDED = 1e-4, 2e-6
+_BESIDE = 0.03  # part of the target that data may have at the sides of a smaller copy
 _MEASURE = "'farhorizon compare' measures it"
 
 
@@ -98,12 +100,15 @@ class TrialRuns:
         Target error.
     until : float
         Length of the run.
+    budget : float, optional
+        Seconds of a typical core that all trials may take, where it does not follow from this run.
     """
 
     run: Any
     keys: list[Key]
     wanted: float
     until: float
+    budget: float | None = None
     spent: float = 0.0
     _reference: _Record | None = None
     _layers: dict[tuple[Key, str, int], Layer | None] = field(default_factory=dict)
@@ -181,11 +186,11 @@ class TrialRuns:
             return 1.0
         return float(planes[0] if side < 0 else near.lattice.shape[axis] - 1 - planes[-1])
 
-    def sides(self, family: Family, nodes: int) -> dict[Key, Side]:
-        """Return the sides with the layers of a candidate."""
+    def sides(self, name: str, nodes: int) -> dict[Key, Side]:
+        """Return the sides with the layers of a candidate, given the name of its family."""
         found: dict[Key, Side] = {}
         for key in self.keys:
-            layer = self.layer_of(key, family.name, nodes)
+            layer = self.layer_of(key, name, nodes)
             if layer is None:  # another family, with as many nodes
                 layer = next(
                     one for other in self._of_side[key] if (one := self.layer_of(key, other.name, nodes)) is not None
@@ -212,7 +217,7 @@ class TrialRuns:
             return False
         return self.wanted >= _SHORT * self.until / self.near.crossing
 
-    def _as_it_is(self, key: Key) -> Side:
+    def as_it_is(self, key: Key) -> Side:
         """Return a side of the run; if it has a layer, with this layer, so that nothing is chosen or assessed."""
         side = self.run.sides[key]
         if not side.stretched:
@@ -245,6 +250,8 @@ class TrialRuns:
     @cached_property
     def allowed(self) -> float:
         """Seconds of a typical core that all trials may take."""
+        if self.budget is not None:
+            return self.budget
         return max(_SECONDS, (_RUNS if self._usual < _LONG else _PART) * self._usual)
 
     @cached_property
@@ -268,7 +275,7 @@ class TrialRuns:
 
     def reference(self, family: Family, nodes: int) -> bool:
         """Run with layers of a family, with which later candidates are compared; return whether there was time."""
-        sim = self._made(self.sides(family, nodes))
+        sim = self._made(self.sides(family.name, nodes))
         if sim is None or (self._reference is not None and not self._affords(sim)):
             return False
         self._reference = None
@@ -279,7 +286,7 @@ class TrialRuns:
         """Return the largest difference of a run with layers of a family from the reference; above `enough`, a lower
         bound of it. Infinite if there was no time for it.
         """
-        sim = self._made(self.sides(family, nodes))
+        sim = self._made(self.sides(family.name, nodes))
         return np.inf if sim is None or not self._affords(sim) else self._followed(sim, enough)[0]
 
     def _affords(self, sim: Any) -> bool:
@@ -287,7 +294,7 @@ class TrialRuns:
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
-        every = {key: self._as_it_is(key) for key in self.run.sides} | dict(sides)
+        every = {key: self.as_it_is(key) for key in self.run.sides} | dict(sides)
         try:
             return self.run.remade(boundary={side_name(*key): side for key, side in every.items()})
         except InputError:
@@ -385,6 +392,56 @@ def default_length(near: NearField) -> float:
     return (CROSSINGS if near.model.order == 2 else LASTING) * near.crossing
 
 
+def _smaller(trials: TrialRuns) -> TrialRuns | None:
+    """Return trials on a copy whose sides are nearer to the data, in proportion, with as many crossings of the near
+    field; the largest copy whose trials take no more time than those of the run may. None where anything but initial
+    data in a uniform medium drives the run, or where nothing is gained.
+
+    A wave arrives at the nearer sides under the same angles and larger, so that its errors are larger, too.
+    """
+    run, near = trials.run, trials.near
+    given = run.setup
+    other = (given.sources, given.loads, given.cracks, given.constraints, given.specimens)
+    if any(other) or near.varies or near.lattice.mask is not None or run.team or run.of_field:
+        return None
+    shape, busy = np.array(near.lattice.shape), np.zeros(near.lattice.shape, bool)
+    for values in (run.start_u, run.start_v):
+        size = near.size(np.abs(values))
+        busy |= size > _BESIDE * trials.wanted * max(float(size.max()), 1e-300)
+    small = None
+    held = [np.flatnonzero(np.moveaxis(busy, a, 0).reshape(n, -1).any(1)) for a, n in enumerate(shape)]
+    if not busy.any():
+        return None
+    first, last = (np.array([h[end] for h in held]) for end in (0, -1))
+    least = np.array(near.stencil.reach) + 2
+    for part in 0.5 ** np.arange(1, 8):
+        low = np.maximum(0, first - np.maximum(least, np.ceil(part * first)).astype(int))
+        high = np.minimum(shape - 1, last + np.maximum(least, np.ceil(part * (shape - 1 - last))).astype(int))
+        if not (high - low + 1).prod() < 0.7 * shape.prod():
+            return small
+        until = trials.until * ((high - low + 1).max() / shape.max()) ** (3 - near.model.order)
+        small = _cropped(trials, low, high, until)
+        if small is None or small.tried == until:
+            return small
+    return small
+
+
+def _cropped(trials: TrialRuns, low: np.ndarray, high: np.ndarray, until: float) -> TrialRuns | None:
+    """Return trials on a part of the near field, given by its first and last nodes."""
+    run, near = trials.run, trials.near
+    part = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
+    lower = near.lattice.lower + near.lattice.spacing * low
+    lattice = Lattice(near.lattice.spacing, lower, lower + near.lattice.spacing * (high - low))
+    initial = {"u": run.start_u[(..., *part)] + near.background}
+    initial |= {"v": run.start_v[(..., *part)]} if near.model.order == 2 else {}
+    sides = {side_name(*key): trials.as_it_is(key) for key in run.sides}
+    try:
+        small = run.remade(lattice=lattice, initial=initial, boundary=sides)
+        return TrialRuns(small, trials.keys, trials.wanted, until, trials.allowed)
+    except InputError:
+        return None
+
+
 def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
     """Choose the layers of some sides for a run of a given length, and for a usual one if that is longer and trials of
     it take no more than two seconds: runs are often continued. All sides have the same number of nodes, and the
@@ -407,10 +464,11 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
     usual = TrialRuns(run, keys, wanted, max(until, default_length(run.parts.near)))
     if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == _SECONDS:
         trials, until = usual, usual.until
-    found = trials.chosen()
+    small = None if trials.tried == until else _smaller(trials)
+    found = trials.chosen() if small is None else small.chosen()
     if found.error > wanted and any(run.sides[key].target is not None for key in keys):
         raise NotKept.of(wanted, found.error)
-    sides = trials.sides(found.family, found.nodes)
+    sides = trials.sides(found.family.name, found.nodes)
     thickness = {
         side_name(*key): Thickness(found.family.name, side.profile, found.error, until, trials.tried)
         for key, side in sides.items()
@@ -421,6 +479,11 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
         doubts.append(_missed(found.nodes, names, found.error, wanted, run.model.order))
     if np.isnan(found.error):
         notes.append(f"trial runs that show the error of the layers ({names}) take too long; {_MEASURE}")
+    elif small is not None:
+        shape = " x ".join(map(str, small.run.lattice.shape))
+        notes.append(
+            f"trial runs of the layers ({names}) are those of a smaller near field of {shape} nodes; {_MEASURE}"
+        )
     elif trials.tried < until:
         notes.append(f"trial runs of the layers ({names}) end at t = {trials.tried:.4g}; {_MEASURE}")
     if run.setup.dtype == "float32" and wanted < _ROUNDED[run.model.order - 1]:
