@@ -28,7 +28,6 @@ from farhorizon.checks.side_modes import Strip
 
 ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0, 2.4, np.pi]  # tangential wavenumbers times spacing
 CROSSINGS = 4
-TRIALS = 12  # trials for each medium next to walls
 
 
 def growth(model: Any, dim: int, nodes: int, spatial: int = 4) -> float:
@@ -292,51 +291,6 @@ def dampers(given: argparse.Namespace) -> list[dict[str, Any]]:
     return rows
 
 
-def told_and_found(random: np.random.Generator, solid: bool) -> tuple[float, float]:
-    """Predicted error of layers with given nodes next to a wall, for a short pulse in a long run, and the error against
-    a domain from whose edges nothing returns.
-    """
-    kernel = fh.Kernel(float(random.integers(2, 4 if solid else 5)), 1, volume=str(random.choice(["ramp", "full"])))
-    model, shape = fh.Elastic(kernel, 1.0) if solid else fh.Wave(kernel), random.integers(30, 45, 2)
-    lattice, nodes = fh.Lattice(1.0, (0.0, 0.0), shape - 1.0), int(random.integers(14, 60))
-    grid, middle, width = lattice.coordinates(), random.uniform(0.35, 0.65, 2) * shape, random.uniform(1.8, 4.0)
-    bell = np.exp(-sum((x - a) ** 2 for x, a in zip(grid, middle, strict=True)) / width**2)
-    u = np.stack([random.uniform(-1, 1) * bell, bell]) if solid else bell
-    wall, until = random.choice([fh.Free(), fh.Fixed()]), random.uniform(100, 800) / float(np.sqrt(model.coefficient))
-    near, far = (
-        fh.Simulation(lattice, model, {"x": side, "y-": wall, "y+": side}, {"u": u}, threads=1)
-        for side in (fh.LatticePML(nodes=nodes, target=1e-12, until=until), fh.Extended(target=1e-10, until=until + 10))
-    )
-    told = max(float(note.split("reflect ")[1].split()[0]) for note in near.notes if "predicted to reflect" in note)
-    worst = 0.0
-    while near.time < until:
-        for sim in (near, far):
-            sim.step(4)
-        worst = max(worst, float(np.abs(near.fields["u"] - far.fields["u"]).max()))
-    return told, worst
-
-
-def walls(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Random kernels of exponent 1 with constant influence, pulses, walls, nodes and lengths of the run."""
-    seed = int(np.random.SeedSequence().entropy) % 2**32 if given.seed is None else given.seed
-    print(f"seed {seed}")
-    rows = []
-    for name, solid in (("waves", False), ("solids", True)):
-        random = np.random.default_rng([seed, solid])
-        told, found = np.transpose([told_and_found(random, solid) for _ in range(TRIALS)])
-        rows.append(
-            {
-                "medium": name,
-                "trials": TRIALS,
-                "more than told": int((found > told).sum()),
-                "largest over told": float((found / told).max()),
-                "told over it, median": float(np.median(told / found)),
-                "largest": float(found.max()),
-            }
-        )
-    return rows
-
-
 PARTS = {
     "dampers": ("errors of pulses of 8 and 16 nodes a wave beside thin layers of solids in 2D", dampers),
     "line": ("waves in 1D", line),
@@ -346,7 +300,6 @@ PARTS = {
     "corners": ("largest rate of growth in a region stretched alike along some axes in 3D", corners),
     "elastic": ("elastic waves in 2D", elastic),
     "certified": ("wide kernels in 1D", certified),
-    "walls": ("short pulses beside walls, against a domain from which nothing returns", walls),
     "returned": ("reflection by layers of wide kernels, by wavenumber over the first backward one", returned),
 }
 
