@@ -16,7 +16,18 @@ import numpy as np
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.families import Family, diffusive, families, long_run_profile
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.thickness import AIM, MOST, Found, NotKept, Thickness, of_nodes, thicker, thinnest
+from farhorizon.analysis.layers.thickness import (
+    AIM,
+    APART,
+    APART_SLOW,
+    MOST,
+    Found,
+    NotKept,
+    Thickness,
+    of_nodes,
+    thicker,
+    thinnest,
+)
 from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
@@ -343,7 +354,7 @@ class TrialRuns:
         if self.tried < min(self.until, _SHORTEST * self.near.crossing):
             found = Found(of_nodes(self.families, self.start), self.start, np.nan, False)
         else:
-            found = thinnest(self.families, self, AIM * self.wanted, self.start)
+            found = thinnest(self.families, self, AIM * self.wanted, self.start, self.apart)
         if self.tried >= self.until:
             return found
         nodes = min(MOST, found.nodes + self._more)
@@ -351,11 +362,20 @@ class TrialRuns:
         return replace(found, family=found.family if same else of_nodes(self.families, nodes), nodes=nodes)
 
     @property
+    def _strong(self) -> bool:
+        """Whether the layers must damp strong backward waves."""
+        return self.near.model.order == 2 and not weak(high_pass(self.near.continued))
+
+    @property
+    def apart(self) -> float:
+        """Nodes of a reference over those of a candidate."""
+        walls = any(b.image for b in self.run.sides.values())
+        return APART_SLOW if walls and self._strong and self.near.lattice.dim > 1 else APART
+
+    @property
     def start(self) -> int:
         """Nodes of the first reference."""
-        stencil = self.near.continued
-        strong = self.near.model.order == 2 and self.near.lattice.dim < 3 and not weak(high_pass(stencil))
-        first, each = _START_STRONG if strong else _START
+        first, each = _START_STRONG if self._strong and self.near.lattice.dim < 3 else _START
         return int(np.ceil(first - each * np.log10(self.wanted)))
 
     @property
@@ -373,7 +393,7 @@ class TrialRuns:
         nodes = max(self.near_layer(key).columns for key in self.keys)
         found = np.nan
         for _ in range(2):
-            nodes = min(thicker(nodes), 2 * MOST)
+            nodes = min(thicker(nodes, self.apart), 2 * MOST)
             before = self._reference
             if not self.reference(of_nodes(self.families, nodes), nodes):
                 self._reference = before

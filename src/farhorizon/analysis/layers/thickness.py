@@ -15,9 +15,10 @@ MOST = 60  # largest number of nodes of a layer
 # part of the target that the difference of two candidates may reach: it was 0.5 to 1.5 times the error of the thinner
 # one in 200 comparisons with the infinite lattice
 AIM = 0.5
-# nodes of one candidate over those of the next thinner one: with less, both may fail alike, so that their difference is
-# less than the error of either
-_APART = 4 / 3
+#: Nodes of a reference over those of a candidate: with less, both may fail alike, so that their difference is less than
+#: the error of either. Beside walls, what damped layers lack is in inverse proportion to their nodes: the difference
+#: from twice as many is half of it.
+APART, APART_SLOW = 4 / 3, 2.0
 _FEWER = 8  # the search ends where fewer nodes would save at most an eighth of them
 _MOST_AHEAD = 4  # largest factor on the nodes from one candidate to the next, since the error need not fall regularly
 
@@ -93,17 +94,17 @@ class Found:
     kept: bool
 
 
-def thinner(nodes: int) -> int:
+def thinner(nodes: int, apart: float = APART) -> int:
     """The largest number of nodes that is compared with that of a reference."""
-    return int(min(nodes - 1, nodes / _APART))
+    return int(max(1, min(nodes - 1, nodes / apart)))
 
 
-def thicker(nodes: int) -> int:
+def thicker(nodes: int, apart: float = APART) -> int:
     """The smallest number of nodes of a reference for some nodes."""
-    return next(n for n in range(nodes + 1, 3 * nodes + 3) if thinner(n) >= nodes)
+    return next(n for n in range(nodes + 1, 3 * nodes + 3) if thinner(n, apart) >= nodes)
 
 
-def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> Found:
+def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apart: float = APART) -> Found:
     """The layer with the fewest nodes whose error is at most `aim`, to an eighth of the nodes.
 
     A candidate is judged by its difference from a reference, a thicker layer. If both are good, the difference is the
@@ -118,6 +119,8 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> 
     aim : float
     start : int
         Nodes of the first reference. The number of trials depends on it.
+    apart : float
+        Nodes of a reference over those of a candidate.
 
     Returns
     -------
@@ -125,7 +128,7 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> 
         The candidate with the smallest error, if none of up to 60 nodes keeps the aim. With an unknown error, if no
         time was left for a comparison: as many nodes as the errors so far suggest.
     """
-    most, thick = thicker(MOST), start
+    most, thick = thicker(MOST, apart), start
     best: Found | None = None
     while True:
         thick = min(thick, most)
@@ -133,7 +136,7 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> 
         unknown = Found(first, min(thick, MOST), np.nan, False)
         if not trials.reference(first, thick):
             return unknown
-        found = _first_below(families, trials, aim, thinner(thick), np.inf)
+        found = _first_below(families, trials, aim, thinner(thick, apart), np.inf)
         if found is None:
             return unknown
         if found.kept:
@@ -145,7 +148,7 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int) -> 
             return Found(family, nodes, min(errors), False)
         best = found if best is None or found.error <= best.error else best
         ahead = best.nodes * _decades(aim / 2) / _decades(max(best.error, aim))
-        thick = int(np.clip(thicker(int(np.ceil(min(ahead, most)))), thick + 1, _MOST_AHEAD * thick))
+        thick = int(np.clip(thicker(int(np.ceil(min(ahead, most))), apart), thick + 1, _MOST_AHEAD * thick))
 
 
 def of_nodes(families: list[Family], nodes: int) -> Family:
