@@ -287,7 +287,7 @@ class TrialRuns:
     def reference(self, family: Family, nodes: int) -> bool:
         """Run with layers of a family, with which later candidates are compared; return whether there was time."""
         sim = self._made(self.sides(family.name, nodes))
-        if sim is None or (self._reference is not None and not self._affords(sim)):
+        if sim is None or (self._reference is not None and not self._affords(sim, False)):
             return False
         self._reference = None
         _, self._reference = self._followed(sim, np.inf)
@@ -298,10 +298,15 @@ class TrialRuns:
         bound of it. Infinite if there was no time for it.
         """
         sim = self._made(self.sides(family.name, nodes))
-        return np.inf if sim is None or not self._affords(sim) else self._followed(sim, enough)[0]
+        return np.inf if sim is None or not self._affords(sim, True) else self._followed(sim, enough)[0]
 
-    def _affords(self, sim: Any) -> bool:
-        return self.spent + self._takes(sim, self.tried) <= self.allowed
+    def _affords(self, sim: Any, candidate: bool) -> bool:
+        """Whether there is time for a trial, without that of a candidate itself, which is as long as the run. Where the
+        layers turn out so thick that the run takes longer than was expected, so may the trials.
+        """
+        trial, whole = self._takes(sim, self.tried), self._takes(sim, self.until)
+        before = self.spent + (0.0 if candidate else trial)
+        return before <= self.allowed or (whole < _LONG and before <= _TRIALS * whole)
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
@@ -399,7 +404,7 @@ class TrialRuns:
                 self._reference = before
                 return found
             sim = self._made({})
-            if sim is None or not self._affords(sim):
+            if sim is None or not self._affords(sim, True):
                 return found
             found = float(np.fmin(found, self._followed(sim, np.inf)[0]))
             if found <= self.wanted:

@@ -126,14 +126,15 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
     -------
     Found
         The candidate with the smallest error, if none of up to 60 nodes keeps the aim. With an unknown error, if no
-        time was left for a comparison: as many nodes as the errors so far suggest.
+        time was left for a comparison: a node more than the errors so far suggest.
     """
     most, thick = thicker(MOST, apart), start
     best: Found | None = None
     while True:
         thick = min(thick, most)
         first = of_nodes(families, thick)
-        unknown = Found(first, min(thick, MOST), np.nan, False)
+        likely = min(thinner(thick, apart) + 1, MOST)
+        unknown = Found(of_nodes(families, likely), likely, np.nan, False)
         if not trials.reference(first, thick):
             return unknown
         found = _first_below(families, trials, aim, thinner(thick, apart), np.inf)
