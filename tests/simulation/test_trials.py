@@ -252,3 +252,22 @@ def test_solids_in_space_are_not_refused_without_need(solid, target):
     found = error_of(sim, setup, until)
     print(sim.thickness["x-"], found / target)
     assert found <= target
+
+
+def test_where_nothing_moves_layers_have_a_usual_thickness():
+    """A trial shows nothing there; as many nodes as most set-ups need, and a note."""
+    sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5, until=40.0))
+    assert 6 <= sim.thickness["x-"].nodes <= 12 and np.isnan(sim.thickness["x-"].predicted)
+    assert any("farhorizon compare" in note for note in sim.notes)
+
+
+def test_a_layer_that_grows_is_no_reference(monkeypatch):
+    """Then nothing is known, and that is said."""
+    kept = TrialRuns._followed
+    monkeypatch.setattr(
+        TrialRuns,
+        "_followed",
+        lambda self, sim, enough: (2.0, None) if self._reference is None else kept(self, sim, enough),
+    )
+    sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5, until=40.0), PULSE)
+    assert np.isnan(sim.thickness["x-"].predicted)

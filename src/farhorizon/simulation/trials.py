@@ -6,6 +6,7 @@ waves of all kinds and every integrator.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -31,7 +32,7 @@ from farhorizon.analysis.layers.thickness import (
 from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
-from farhorizon.errors import InputError, UnstableError
+from farhorizon.errors import InputError, UnstableError, ValidityWarning
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.integrators import RungeKuttaChebyshev
 from farhorizon.simulation.layers import spreads
@@ -285,12 +286,17 @@ class TrialRuns:
         return self._seconds(float(np.prod(sim.engine.layout.box.nodes)), until)
 
     def reference(self, family: Family, nodes: int) -> bool:
-        """Run with layers of a family, with which later candidates are compared; return whether there was time."""
+        """Run with layers of a family, with which later candidates are compared; return whether that tells anything:
+        whether there was time, something moved, and the run did not grow beyond all bounds.
+        """
         sim = self._made(self.sides(family.name, nodes))
         if sim is None or (self._reference is not None and not self._affords(sim, False)):
             return False
         self._reference = None
-        _, self._reference = self._followed(sim, np.inf)
+        _, found = self._followed(sim, np.inf)
+        if found is None or not found.fields.any():
+            return False
+        self._reference = found
         return True
 
     def error(self, family: Family, nodes: int, enough: float) -> float:
@@ -323,7 +329,8 @@ class TrialRuns:
         worst, fields, reference = 0.0, [], self._reference
         for number, step in enumerate(self.steps):
             try:
-                with np.errstate(all="ignore"):
+                with np.errstate(all="ignore"), warnings.catch_warnings():
+                    warnings.simplefilter("ignore", ValidityWarning)  # the run itself will warn
                     sim.step(int(step) - sim.step_count)
             except UnstableError:
                 return 1 / AIM, None
