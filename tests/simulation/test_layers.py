@@ -282,19 +282,6 @@ def test_targets_below_the_rounding_of_single_precision_are_told(model, kept):
     assert not notes(kept, "float32") and not notes(1e-7, "float64")
 
 
-def test_what_a_refusal_in_diffusion_names_is_kept():
-    """The limit that it names is the larger one of the two sides."""
-    lattice, model = fh.Lattice(1.0, (0.0,), (600.0,)), fh.Diffusion(fh.Kernel(2.0), 1.0)
-
-    def make(target):
-        return fh.Simulation(lattice, model, fh.LatticePML(target=target, until=1e12), {"u": "exp(-(x-8)**2)"})
-
-    with pytest.raises(fh.InputError, match=r"no layer meets the target.*Extended") as refused:
-        make(1e-13)
-    least = float(refused.value.limit.removeprefix(">= "))
-    assert least > 1e-13 and all(found.predicted <= least for found in make(least).thickness.values())
-
-
 def test_a_layer_that_chooses_itself_beside_a_profile_by_hand():
     """The arrays of such a profile have no hash."""
     by_hand = fh.LatticePML(nodes=4, profile={"sigma": np.ones(5)})

@@ -74,7 +74,7 @@ def _layer(sim: Examined, axis: int, side: int, layer: Layer, waves: Band | None
     if name in sim.thickness:
         text += f"; {sim.thickness[name]}"
     elif boundary.open_ended:
-        text += "; a fixed number, because the stencil has backward waves or a long reach: specify target=..."
+        text += "; a usual number, until trial runs choose it for a run of known length"
     return text
 
 

@@ -42,9 +42,9 @@ from farhorizon.simulation.steps import last_step
 
 #: Length of a run if it is not known: in crossings of the near field for waves, in R^2/diffusivity for diffusion.
 CROSSINGS, LASTING = 20, 10
-# trials take as long as so many runs, or as many seconds if that is more; where a run takes long, a part of its time.
-# Seconds are counted operations of a typical core
-_RUNS, _SECONDS, _LONG, _PART = 1.5, 2.0, 10.0, 0.25
+# trials take as long as so many runs, or as many seconds if that is more; where a run takes long, a part of its time,
+# and a minute at most. Seconds are counted operations of a typical core
+_RUNS, _SECONDS, _LONG, _PART, _MOST_SECONDS = 1.5, 2.0, 10.0, 0.25, 60.0
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 _SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
 # comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
@@ -264,7 +264,7 @@ class TrialRuns:
         """Seconds of a typical core that all trials may take."""
         if self.budget is not None:
             return self.budget
-        return max(_SECONDS, (_RUNS if self._usual < _LONG else _PART) * self._usual)
+        return float(np.clip((_RUNS if self._usual < _LONG else _PART) * self._usual, _SECONDS, _MOST_SECONDS))
 
     @cached_property
     def _usual(self) -> float:

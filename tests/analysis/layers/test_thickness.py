@@ -80,7 +80,7 @@ def test_a_search_without_time_says_that_it_does_not_know(most):
     trials = Errors(lambda name, nodes: 2.0**-nodes, most)
     found = thinnest([family()], trials, 1e-6, 9)
     assert found.kept or np.isnan(found.error)
-    assert found.nodes >= (9 if most < 2 else 12) and len(trials.made) <= most + 1
+    assert found.nodes >= (7 if most < 2 else 12) and len(trials.made) <= most + 1
 
 
 def test_a_layer_tells_its_trial():
