@@ -43,8 +43,8 @@ from farhorizon.simulation.steps import last_step
 #: Length of a run if it is not known: in crossings of the near field for waves, in R^2/diffusivity for diffusion.
 CROSSINGS, LASTING = 20, 10
 # trials take as long as so many runs, or as many seconds if that is more; where a run takes long, a part of its time,
-# and a minute at most. Seconds are counted operations of a typical core
-_RUNS, _SECONDS, _LONG, _PART, _MOST_SECONDS = 1.5, 2.0, 10.0, 0.25, 60.0
+# and twenty seconds at most. Seconds are counted operations of a typical core
+_RUNS, _SECONDS, _LONG, _PART, _MOST_SECONDS = 1.5, 2.0, 10.0, 0.25, 20.0
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 _SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
 # comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
