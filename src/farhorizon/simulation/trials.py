@@ -34,7 +34,9 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError, UnstableError, ValidityWarning
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Temperature
 from farhorizon.medium.integrators import RungeKuttaChebyshev
+from farhorizon.models import Diffusion
 from farhorizon.simulation.layers import spreads
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, side_name
@@ -424,6 +426,25 @@ def default_length(near: NearField) -> float:
     return (CROSSINGS if near.model.order == 2 else LASTING) * near.crossing
 
 
+def _with_held_metal(run: Any) -> Any:
+    """Return a run of a corrosion with its metal held at one concentration, in place of fronts that move from node to
+    node, whose steps would hide the differences between layers; other runs are returned as they are.
+    """
+    if run.parts.phases is None:
+        return run
+    model, sides = run.model, {}
+    for key, side in run.sides.items():
+        layer = run.parts.around.layers.get(key)
+        sides[side_name(*key)] = side if layer is None else replace(side, nodes=layer.columns, profile=layer)
+    metal = Temperature(run.fields["solid"] > 0, run.background + 1.0)
+    liquid = Diffusion(model.operator, model.diffusivity, integrator=model.integrator)
+    changes = {"specimens": (), "constraints": (*run.setup.constraints, metal), "boundary": sides, "dt": run.dt}
+    try:
+        return run.remade(model=liquid, **changes)
+    except InputError:
+        return run
+
+
 def _smaller(trials: TrialRuns) -> TrialRuns | None:
     """Return trials on a copy whose sides are nearer to the data, in proportion, with as many crossings of the near
     field; the largest copy whose trials take no more time than those of the run may. None where anything but initial
@@ -492,8 +513,9 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
     """
     target = run.model.target
     wanted = min(run.sides[key].wanted(target) for key in keys)
-    trials = TrialRuns(run, keys, wanted, until)
-    usual = TrialRuns(run, keys, wanted, max(until, default_length(run.parts.near)))
+    tried = _with_held_metal(run)
+    trials = TrialRuns(tried, keys, wanted, until)
+    usual = TrialRuns(tried, keys, wanted, max(until, default_length(run.parts.near)))
     if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == _SECONDS:
         trials, until = usual, usual.until
     small = None if trials.tried == until else _smaller(trials)
@@ -528,7 +550,7 @@ def assess_layers(run: Any, keys: list[Key], until: float) -> tuple[float, list[
     if it is above the targets.
     """
     wanted = max(run.sides[key].wanted(run.model.target) for key in keys)
-    trials = TrialRuns(run, keys, wanted, until)
+    trials = TrialRuns(_with_held_metal(run), keys, wanted, until)
     error = trials.assessed()
     names = ", ".join(side_name(*key) for key in keys)
     nodes = max(trials.near_layer(key).columns for key in keys)
