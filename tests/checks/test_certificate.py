@@ -230,7 +230,7 @@ def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
     asked = ["check", "guide.toml", "--json", "check.json", "--out", ".", "--budget", "1", "--details"]
     assert main(asked) == 0
     page = capsys.readouterr().out
-    assert "predicted reflection by x-" in page and "profile, predicted error" in page and "extended domain" in page
+    assert "predicted reflection by x-" in page and "profile, error in trial runs" in page and "extended domain" in page
     facts = written("check.json", "check")
     by_angle = {(r["wavelength"], r["angle"]): r["amplitude"] for r in facts["reflection"]}
     assert len(by_angle) == 18 and all(a <= 1e-2 for (_, angle), a in by_angle.items() if angle <= 60)

@@ -186,22 +186,6 @@ def scattering(random, wave, side=None):
     return fh.Simulation(lattice, model, sides, sources=[incident], cracks=cracks, dt=0.3), until, apart
 
 
-def test_layers_for_long_incident_waves_are_thinner():
-    """Scattered waves have the frequencies of the incident wave. A signal that contains those of backward waves, or
-    of waves that hardly move, needs layers for all waves that the lattice carries.
-    """
-    model, columns = fh.Elastic(fh.Kernel(2.0, 1, "linear"), 1.0), []
-    lattice = fh.Lattice(1.0, (-30, -30), (30, 0), body=fh.Box((-31, -31), (31, 1)) - fh.Disc(5.0))
-    for wave in (24.0, 10.0):
-        phase = f"(pi*(t*{float(model.s_speed)}/{wave} - 1.6))**2"
-        signal = {"signal": f"(1 - 2*{phase})*exp(-{phase})", "duration": 3.2 * wave / model.s_speed}
-        incident = fh.IncidentWave((0.3, 1.0), polarisation="S", within=fh.Box((-20, -20), (20, 0)), **signal)
-        sides = {"all": fh.LatticePML(target=1e-3, until=100.0), "y+": fh.Free()}
-        sim = fh.Simulation(lattice, model, sides, sources=[incident])
-        columns.append(max(layer.columns for layer in sim.engine.layers.values()))
-    assert columns[0] < columns[1]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("target", [1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("number", range(4))

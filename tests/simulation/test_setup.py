@@ -41,6 +41,7 @@ def test_what_is_given_is_kept_and_what_was_chosen_is_beside_it():
     setup = fh.Setup(**GIVEN)
     sim = fh.Simulation.of(setup)
     assert sim.setup is setup and setup.dt is None and setup.sides[0, -1] == GIVEN["boundary"]["x-"]
+    assert sim.thickness  # the layers are chosen now
     assert sim.settled.dt == sim.dt and sim.settled.sides[0, -1].nodes == sim.engine.layers[2, -1].columns
     again = fh.Simulation.of(sim.settled)  # all has been chosen: nothing is chosen again
     assert again.settled.sides[0, -1].nodes == sim.settled.sides[0, -1].nodes and not again.thickness

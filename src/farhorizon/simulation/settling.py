@@ -102,11 +102,11 @@ class Settling:
 
     def _choose(self, run: Changeable, until: float) -> None:
         """Choose the open-ended sides."""
-        keys = [key for key in self.open_ended if run.sides[key].extended]
+        every: Mapping[Key, Any] = run.sides if run.share is None else run.share.sides
+        keys = [key for key in self.open_ended if every[key].extended]
         if keys and any(until > extent.until * (1 + 1e-9) for extent in run.extents.values()):
-            sides: dict[Key, Any] = dict(run.sides)
-            run.take({key: replace(sides[key], nodes=None, until=until) for key in keys})
-        if keys := [key for key in self.open_ended if run.sides[key].stretched]:
+            run.take({key: replace(every[key], nodes=None, until=until) for key in keys})
+        if keys := [key for key in self.open_ended if every[key].stretched]:
             self._take(run, by_first(run, lambda whole: choose_layers(whole, keys, until)))
 
     def _take(self, run: Changeable, chosen: Chosen) -> None:
@@ -116,8 +116,9 @@ class Settling:
 
     def _assess(self, run: Changeable, until: float) -> None:
         """Compare layers of a given number of nodes that have a target with thicker ones."""
-        given = [key for key, b in run.sides.items() if b.stretched and not b.whole and b.nodes is not None]
-        if keys := [key for key in given if run.sides[key].target is not None]:
+        given: Mapping[Key, Any] = run.sides if run.share is None else run.setup.sides
+        asked = [key for key, b in given.items() if b.stretched and not b.whole and b.nodes is not None]
+        if keys := [key for key in asked if given[key].target is not None]:
             self.doubts = self.doubts + by_first(run, lambda whole: assess_layers(whole, keys, until))[1]
 
     def _prolong(self, run: Changeable, until: float) -> None:

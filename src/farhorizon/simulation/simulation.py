@@ -221,7 +221,7 @@ class Simulation(Run):
             self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
         self._recording = Recording(setup, seen, self.recorders, team, self._march.heating)
-        if any(b.until for b in self.sides.values() if b.stretched):
+        if any(b.until for b in self._given_layers):
             self._settle_alone()
 
     # --- time stepping -----------------------------------------------------------------------------------------
@@ -280,6 +280,12 @@ class Simulation(Run):
         if self.probes is not None:
             self._watch(self.probes.nodes)
 
+    @property
+    def _given_layers(self) -> list[Any]:
+        """The sides of the whole near field with layers that can be chosen or assessed."""
+        given = self.setup.sides if self.team else self.sides
+        return [b for b in given.values() if b.stretched and not b.whole]
+
     def _settle_alone(self) -> None:
         """Choose the sides that state a length of the run or a target, for that length or a usual one, if that has not
         been done for a run.
@@ -287,7 +293,7 @@ class Simulation(Run):
         settling = self._settling
         if self.step_count or settling.good_for or settling.autos:
             return
-        given = [b for b in self.sides.values() if b.stretched and not b.whole and (b.until or b.target is not None)]
+        given = [b for b in self._given_layers if b.until or b.target is not None]
         if given:
             self._settling.settle(self, max(b.until or 0.0 for b in given) or default_length(self.parts.near))
 

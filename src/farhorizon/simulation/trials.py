@@ -334,7 +334,7 @@ class TrialRuns:
                 with np.errstate(all="ignore"), warnings.catch_warnings():
                     warnings.simplefilter("ignore", ValidityWarning)  # the run itself will warn
                     sim.step(int(step) - sim.step_count)
-            except UnstableError:
+            except (UnstableError, InputError):  # the run itself will tell
                 return 1 / AIM, None
             fields.append(self._sampled(sim))
             if reference is None:
@@ -524,7 +524,7 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
         raise NotKept.of(wanted, found.error)
     sides = trials.sides(found.family.name, found.nodes)
     thickness = {
-        side_name(*key): Thickness(found.family.name, side.profile, found.error, until, trials.tried)
+        side_name(*key): Thickness(found.family.name, side.profile, float(found.error), until, trials.tried)
         for key, side in sides.items()
     }
     names = ", ".join(thickness)
