@@ -591,7 +591,7 @@ def test_version(capsys):
 
 def test_quiet_leaves_errors_and_the_result(small, capsys):
     """The output does not depend on what is compiled, noted or estimated meanwhile."""
-    Path("small.toml").write_text(SMALL.replace("1-4*x**2)**2", "1-4*x**2)**2 + 1e-8*exp(-x**2/9)"))
+    Path("small.toml").write_text(SMALL.replace("1-4*x**2)**2", "1-4*x**2)**2 + 1e-9*exp(-x**2/9)"))
     assert main(["run", "small.toml", "--quiet"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("results: small.h5") and out.count("\n") == 1 and err == ""

@@ -126,19 +126,17 @@ def test_the_run_begins_where_it_would_have_begun():
     assert np.array_equal(sim.fields["u"], again.fields["u"]) and sim.dt == again.dt
 
 
-def test_users_functions_are_evaluated_once():
+def test_the_first_values_of_a_function_count():
     """A function of the coordinates that is random is the same in trials and in the run."""
-    random, calls = np.random.default_rng(1), []
+    random = np.random.default_rng(1)
 
     def noise(x, y):
-        calls.append(1)
         return random.standard_normal(x.shape) * np.exp(-(x**2 + y**2) / 9)
 
     sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-3), {"u": noise})
-    before = len(calls)
     start = sim.start_u.copy()
     sim.run(30.0)
-    assert len(calls) == before and np.array_equal(sim.start_u, start)
+    assert np.array_equal(sim.start_u, start)
     assert max(one.predicted for one in sim.thickness.values()) <= 1e-3
 
 

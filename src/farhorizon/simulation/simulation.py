@@ -270,11 +270,14 @@ class Simulation(Run):
         settled = self.setup if self.team else self.settled  # on several processes `settled` is that of one part
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
         seen: list[Observer] = [*self.observers, *self.recorders]
-        if not self.team:  # what was given is not evaluated again
-            start = {"u": self.start_u + self.background, "v": self.start_v}
-            known = {name: value for name, value in start.items() if name in (settled.initial or {})}
-            settled = replace(settled, initial=known)
-        other = self.of(replace(settled, boundary=named), seen, self.team, self.topology)
+        changed = replace(settled, boundary=named)
+        other = self.of(changed, seen, self.team, self.topology)
+        alike = np.array_equal(other.start_u, self.start_u) and np.array_equal(other.start_v, self.start_v)
+        if not (alike or self.team):
+            # a function that is random, for example: its first values count
+            first = {"u": self.start_u + self.background, "v": self.start_v}
+            known = {name: value for name, value in first.items() if name in (settled.initial or {})}
+            other = self.of(replace(changed, initial=known), seen, self.team, self.topology)
         kept = ("setup", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
