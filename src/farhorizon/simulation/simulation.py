@@ -249,6 +249,8 @@ class Simulation(Run):
             As in `check_sources`; a kernel or a domain that does not fit into memory.
         """
         self.team.alike({"run.until": until})
+        if not self.step_count:  # before layers are chosen for sources that the run cannot have
+            self.check_sources(until)
         self._settling.settle(self, until)
         self.check_sources(until)
         if self.parts.around.undesigned and not self._end:

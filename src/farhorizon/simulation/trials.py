@@ -48,6 +48,9 @@ CROSSINGS, LASTING = 20, 10
 # and twenty seconds at most. Seconds are counted operations of a typical core
 _RUNS, _SECONDS, _LONG, _PART, _MOST_SECONDS = 1.5, 2.0, 10.0, 0.25, 20.0
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
+# seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
+# needs for an exponential
+_CALL, _VALUE = 1e-4, 5e-8
 _SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
 # comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
 # number
@@ -282,7 +285,14 @@ class TrialRuns:
         """Seconds that a run takes on a typical core."""
         scheme = self.near.model.integrator
         stages = scheme.chebyshev if isinstance(scheme, RungeKuttaChebyshev) else 1
-        return until / self.near.dt * step_seconds(nodes * self.near.stencil.weights.size * stages)
+        each = step_seconds(nodes * self.near.stencil.weights.size * stages)
+        return until / self.near.dt * (each + self._functions * (_CALL + _VALUE * self.near.lattice.nodes))
+
+    @cached_property
+    def _functions(self) -> int:
+        """Number of functions that each step evaluates in Python."""
+        parts = self.run.parts
+        return len(parts.drives.unsplit) + len(parts.of_field) + len(parts.incident)
 
     def _takes(self, sim: Any, until: float) -> float:
         return self._seconds(float(np.prod(sim.engine.layout.box.nodes)), until)
