@@ -253,7 +253,7 @@ def test_white_noise_decays(dim, reach):
     noise = np.random.default_rng(1).standard_normal(lattice.shape)
     if dim == 1:
         noise[: reach + 2] = noise[-reach - 2 :] = 0
-    sim = fh.Simulation(lattice, fh.Wave(kernel(reach)), fh.LatticePML(), initial={"u": noise})
+    sim = fh.Simulation(lattice, fh.Wave(kernel(reach)), fh.LatticePML(nodes=12), initial={"u": noise})
     sizes = [np.linalg.norm(sim.engine.levels)]
     for crossings in (20, 80 / 3, 40) if (dim, reach) == (3, 3) else (40 / 3, 20):
         sim.run(6.0 * crossings)
