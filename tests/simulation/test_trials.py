@@ -20,7 +20,7 @@ def slow(*cases):
 
 def drawn(random, kind, dim):
     """A set-up with a pulse or a packet of a few nodes anywhere, its end, and the largest value of the data."""
-    kernel = fh.Kernel(float(random.integers(1, 4)), int(random.integers(0, 4)), "gaussian")
+    kernel = fh.Kernel(float(random.integers(1, 4)), int(random.integers(0, 4 if dim > 1 else 3)), "gaussian")
     if kind == "solid":
         material = str(random.choice(SOLIDS))
         given = {} if material == "bond-based" else {"poisson": float(random.uniform(0.1, 0.4))}
@@ -185,7 +185,7 @@ def test_a_choice_counts_operations(monkeypatch):
     assert 0 < runs.allowed == trials._SECONDS and runs.tried == 100.0
     large = fh.Simulation(fh.Lattice(1.0, (-60.0,) * 3, (60.0,) * 3), WAVE, fh.LatticePML(nodes=2))
     runs = TrialRuns(large, list(large.sides), 1e-5, 1200.0)
-    assert runs.allowed == pytest.approx(0.25 * runs._usual) and runs.tried < 200.0
+    assert runs.allowed == trials._MOST_SECONDS < 0.25 * runs._usual and runs.tried < 200.0
 
 
 @pytest.mark.parametrize("threads", [1, 2])
