@@ -436,23 +436,26 @@ def default_length(near: NearField) -> float:
     return (CROSSINGS if near.model.order == 2 else LASTING) * near.crossing
 
 
-def _with_held_metal(run: Any) -> Any:
-    """Return a run of a corrosion with its metal held at one concentration, in place of fronts that move from node to
-    node, whose steps would hide the differences between layers; other runs are returned as they are.
+def _without_fronts(run: Any) -> list[Any]:
+    """Return, for a corrosion, runs in which no front moves from node to node, since its steps would hide the
+    differences between layers: with the metal held at one concentration, as long as it lasts, and with the metal as
+    initial data, when it is dissolved. Other runs are returned as they are.
     """
     if run.parts.phases is None:
-        return run
+        return [run]
     model, sides = run.model, {}
     for key, side in run.sides.items():
         layer = run.parts.around.layers.get(key)
         sides[side_name(*key)] = side if layer is None else replace(side, nodes=layer.columns, profile=layer)
-    metal = Temperature(run.fields["solid"] > 0, run.background + 1.0)
+    solid = run.fields["solid"] > 0
+    held = (*run.setup.constraints, Temperature(solid, run.background + 1.0))
     liquid = Diffusion(model.operator, model.diffusivity, integrator=model.integrator)
-    changes = {"specimens": (), "constraints": (*run.setup.constraints, metal), "boundary": sides, "dt": run.dt}
+    changes = {"model": liquid, "specimens": (), "boundary": sides, "dt": run.dt}
     try:
-        return run.remade(model=liquid, **changes)
+        dissolved = run.remade(initial={"u": run.background + solid}, **changes)
+        return [run.remade(constraints=held, **changes), dissolved]
     except InputError:
-        return run
+        return [run]
 
 
 def _smaller(trials: TrialRuns) -> TrialRuns | None:
@@ -521,9 +524,13 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
     NotKept
         No layer of up to 60 nodes keeps a target that is given.
     """
-    target = run.model.target
-    wanted = min(run.sides[key].wanted(target) for key in keys)
-    tried = _with_held_metal(run)
+    every = [_chosen(run, tried, keys, until) for tried in _without_fronts(run)]
+    return max(every, key=lambda one: max(found.nodes for found in one.thickness.values()))
+
+
+def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
+    """Return the layers that trials of a set-up, that of the run or one in its place, choose."""
+    wanted = min(run.sides[key].wanted(run.model.target) for key in keys)
     trials = TrialRuns(tried, keys, wanted, until)
     usual = TrialRuns(tried, keys, wanted, max(until, default_length(run.parts.near)))
     if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == _SECONDS:
@@ -560,7 +567,7 @@ def assess_layers(run: Any, keys: list[Key], until: float) -> tuple[float, list[
     if it is above the targets.
     """
     wanted = max(run.sides[key].wanted(run.model.target) for key in keys)
-    trials = TrialRuns(_with_held_metal(run), keys, wanted, until)
+    trials = TrialRuns(_without_fronts(run)[-1], keys, wanted, until)
     error = trials.assessed()
     names = ", ".join(side_name(*key) for key in keys)
     nodes = max(trials.near_layer(key).columns for key in keys)
