@@ -129,7 +129,6 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
         time was left for a comparison: a node more than the errors so far suggest.
     """
     most, thick = thicker(MOST, apart), start
-    best: Found | None = None
     while True:
         thick = min(thick, most)
         first = of_nodes(families, thick)
@@ -147,8 +146,8 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
             errors = [trials.error(family, nodes, np.inf) for family, nodes in every]
             family, nodes = every[int(np.argmin(errors))]
             return Found(family, nodes, min(errors), False)
-        best = found if best is None or found.error <= best.error else best
-        ahead = best.nodes * _decades(aim / 2) / _decades(max(best.error, aim))
+        # from the thickest candidate: where all differ alike from the reference, the error is that of the reference
+        ahead = thinner(thick, apart) * _decades(aim / 2) / _decades(max(found.error, aim))
         thick = int(np.clip(thicker(int(np.ceil(min(ahead, most))), apart), thick + 1, _MOST_AHEAD * thick))
 
 
