@@ -51,9 +51,9 @@ _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, a
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
 # needs for an exponential
 _CALL, _VALUE = 1e-4, 5e-8
-# the same where usual layers turn out too thin: two references, each with a candidate of up to three families, which
-# have some two thirds of its nodes and cost less than that
-_THICKER = 6
+# the same where usual layers turn out too thin: three references, each with candidates of up to three families, which
+# have three quarters of its nodes and cost less than that
+_THICKER = 9
 _SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
 # comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
 # number
