@@ -533,7 +533,9 @@ def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
 
 def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
     """Return the layers that trials of a set-up, that of the run or one in its place, choose."""
-    wanted = min(run.sides[key].wanted(run.model.target) for key in keys)
+    asked = min(run.sides[key].wanted(run.model.target) for key in keys)
+    rounded = _ROUNDED[run.model.order - 1] if run.setup.dtype == "float32" else 0.0
+    wanted = max(asked, rounded)  # of what rounding exceeds, trials show nothing
     trials = TrialRuns(tried, keys, wanted, until)
     usual = TrialRuns(tried, keys, wanted, max(until, default_length(run.parts.near)))
     if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == _SECONDS:
@@ -560,8 +562,8 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
         )
     elif trials.tried < until:
         notes.append(f"trial runs of the layers ({names}) end at t = {trials.tried:.4g}; {_MEASURE}")
-    if run.setup.dtype == "float32" and wanted < _ROUNDED[run.model.order - 1]:
-        doubts.append(f"in single precision, rounding exceeds the target {wanted:g}: use float64 or a larger target")
+    if asked < rounded:
+        doubts.append(f"in single precision, rounding exceeds the target {asked:g}: use float64 or a larger target")
     return Chosen(sides, thickness, doubts, notes)
 
 
