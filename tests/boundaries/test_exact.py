@@ -1,6 +1,7 @@
 """Exact ends on the engine, against chains from which nothing returns, with the same time step."""
 
 import dataclasses
+import os
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from farhorizon.boundaries import exact
 from farhorizon.case.case import Case
 from farhorizon.engine.engine import available_threads
 from farhorizon.papers.ji2021 import PULSE_END, BarExample, ricker, ricker_rate
+from farhorizon.studies.compare import compare
 
 COMPRESSED, CONVOLVED = fh.Exact(), fh.Exact(compress=None)
 BOTH = pytest.mark.parametrize("end", [COMPRESSED, CONVOLVED], ids=["compressed", "convolved"])
@@ -404,3 +406,72 @@ def test_beam_stencil():
         sim.step(1000)
         expected = infinite.u if infinite.step else infinite.run(1000)
         assert np.abs(sim.fields["u"] - expected[near]).max() <= bound
+
+
+def drifting(reach, seed=5):
+    """Return a stencil with random positive weights that differ ahead and behind."""
+    rng = np.random.default_rng(int(os.environ.get("FARHORIZON_SEED", seed)))
+    offsets = np.array([k for k in range(-reach, reach + 1) if k])
+    return fh.Stencil(offsets[:, None], rng.uniform(0.2, 1.0, 2 * reach) / np.abs(offsets))
+
+
+@pytest.mark.parametrize("reach", [1, 2, 5])
+@pytest.mark.parametrize("made", ["diffusion", "heat", "reaction", "upwind"])
+def test_media_that_drift(reach, made):
+    """Exact ends against a line so long that nothing arrives at its ends, at the same time step."""
+    stencil = drifting(reach)
+    if made == "reaction":
+        stencil = stencil.with_reaction(0.02)
+    if made == "upwind":  # nothing comes back against the drift
+        stencil = fh.Stencil(stencil.offsets[:reach], stencil.weights[:reach])
+    model = fh.Heat(stencil, density=2.0, specific_heat=0.5, conductivity=0.7) if made == "heat" else None
+    setup = {"model": model or fh.Diffusion(stencil, 0.7), "initial": {"u": "exp(-x**2)*(1 + 0.3*sin(3*x))"}}
+    near = fh.Simulation(fh.Lattice(0.2, -6, 6), boundary=fh.Exact(), **setup)
+    with pytest.raises(fh.InputError, match="flows are not sums over bonds"):
+        near.flux()
+    wide = fh.Simulation(fh.Lattice(0.2, -100, 100), boundary=fh.Fixed(), dt=near.dt, **setup)
+    for until in (1.0, 5.0):
+        near.run(until=until)
+        wide.run(until=until)
+        assert np.abs(near.fields["u"] - wide.fields["u"][470:-470]).max() < 1e-14
+    assert near.certificate().verdict == "certified"
+
+
+def test_media_that_drift_against_the_infinite_lattice():
+    """Exact ends against the Fourier transform of the infinite lattice, which `compare` uses."""
+    medium = {"model": fh.Diffusion(drifting(3)), "boundary": fh.Exact(), "initial": {"u": "exp(-2*x**2)"}}
+    for sources in ((), ["exp(-x**2 - t)"]):  # by Fourier transform, and on a longer line
+        found = compare({"lattice": fh.Lattice(0.2, -7, 7), "sources": sources, **medium}, 8.0)
+        assert found.curves["exact"]["error_max_over_run"] < 1e-13
+
+
+def test_media_that_drift_resume(tmp_path):
+    """A run goes on from its checkpoint bit by bit."""
+    setup = (fh.Lattice(0.2, -6, 6), fh.Diffusion(drifting(3)), fh.Exact(), {"u": "exp(-x**2)"})
+    whole, part = fh.Simulation(*setup), fh.Simulation(*setup)
+    whole.step(300)
+    part.step(100)
+    part.save(tmp_path / "part")
+    again = fh.Simulation.restore(tmp_path / "part")
+    again.step(200)
+    assert np.array_equal(again.fields["u"], whole.fields["u"])
+
+
+@pytest.mark.parametrize(
+    ("more", "match"),
+    [
+        ({"boundary": None}, "LatticePML does not support weights that differ"),
+        ({"boundary": fh.Free()}, "limit: Exact, Fixed, Periodic"),
+        ({"model": fh.Wave(drifting(1))}, "not available with this integrator.*velocity Verlet"),
+        ({"model": fh.Diffusion(drifting(1), integrator="rk4")}, "limit: diffusion and heat by forward Euler"),
+        ({"model": fh.Diffusion(fh.Stencil([[1], [-1]], [1.0, -1.0]))}, "grow at every time step"),
+        ({"model": fh.Diffusion(drifting(1), diffusivity="1 + 0.1*sin(x)")}, "is uniform"),
+        ({"coefficient": np.ones(61)}, "is uniform"),
+        ({"cracks": [0.05]}, "no bond is cut"),
+    ],
+)
+def test_what_media_that_drift_do_not_support(more, match):
+    """Refused before the run, with what is available."""
+    setup = {"model": fh.Diffusion(drifting(1)), "boundary": fh.Exact(), "initial": {"u": "exp(-x**2)"}}
+    with pytest.raises(fh.InputError, match=match):
+        fh.Simulation(fh.Lattice(0.2, -6, 6), **setup | more)

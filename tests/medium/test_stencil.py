@@ -3,6 +3,7 @@ numbers.
 """
 
 import itertools
+import os
 
 import numpy as np
 import pytest
@@ -255,8 +256,8 @@ def test_horizon_below_the_spacing():
 @pytest.mark.parametrize(
     ("offsets", "weights", "match"),
     [
-        ([[1], [-1]], [1.0, 2.0], "equal weights"),
-        ([[1]], [1.0], "equal weights"),
+        ([[1, 0], [-1, 0]], [1.0, 2.0], "equal weights"),
+        ([[1, 0]], [1.0], "equal weights"),
         ([[0], [1], [-1]], [1.0, 1.0, 1.0], "distinct and not zero"),
         ([[1], [1], [-1]], [1.0, 1.0, 1.0], "distinct"),
         ([[1], [-1]], [1.0, np.nan], "finite"),
@@ -269,6 +270,29 @@ def test_bad_tables_are_refused(offsets, weights, match):
     """Asymmetric, repeated, incomplete or non-finite tables."""
     with pytest.raises(InputError, match=match):
         Stencil(offsets, weights)
+
+
+@pytest.mark.parametrize("reaction", [0.0, 0.3])
+def test_drifting_stencils(reaction):
+    """Their symbol by its definition, and the rate that limits the step from the spectrum of a ring: one step at it
+    lets nothing grow, one that is a little longer does.
+    """
+    rng = np.random.default_rng(int(os.environ.get("FARHORIZON_SEED", 7)))
+    offsets = np.array([-3, -1, 1, 2])
+    stencil = Stencil(offsets[:, None], rng.uniform(0.1, 1.0, 4), reaction)
+    angle = rng.uniform(0, np.pi, 5)
+    expected = (1 - np.exp(1j * np.multiply.outer(angle, stencil.offsets[:, 0]))) @ stencil.weights + reaction
+    np.testing.assert_allclose(stencil.symbol(angle), expected, rtol=0, atol=1e-14)
+    ring = np.zeros((2000, 2000))  # long enough for a wave within a thousandth of any angle
+    nodes = np.arange(2000)
+    for k, w in zip(stencil.offsets[:, 0], stencil.weights, strict=True):
+        ring[nodes, (nodes + k) % 2000] += w
+        ring[nodes, nodes] -= w
+    rates = np.fft.fft(ring[0]) - reaction  # eigenvalues of a circulant
+    dt = 2 / stencil.symbol_maximum
+    assert np.abs(1 + dt * rates).max() <= 1 + 1e-12
+    assert np.abs(1 + 1.01 * dt * rates).max() > 1
+    assert stencil.drifting and not Stencil.finite_difference(1).drifting
 
 
 def matrix_stencil():

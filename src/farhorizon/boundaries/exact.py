@@ -29,6 +29,8 @@ from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.machine import available_memory
 
+Weights = tuple[float, ...] | tuple[tuple[float, ...], ...]
+
 BLOCK = 64  # steps of a convolution between two returns to Python
 _AIM = 0.25  # a sum is computed to this fraction of its tolerance: the field accumulates the errors of the force
 _SHORTEST = 1024  # smallest number of steps for which a kernel is made
@@ -39,8 +41,9 @@ _SLOW = 1e6  # number of steps times reach squared from which making a kernel ta
 class Exact(Side):
     """End of a bar beyond which the medium continues indefinitely, represented exactly; one dimension only.
 
-    Works for every symmetric stencil, for waves with and without damping, and for diffusion by forward Euler. Beyond
-    the end everything is initially zero (the background), the bonds are those of the last nodes, and there are no
+    Works for every symmetric stencil, for waves with and without damping, and for diffusion by forward Euler; for
+    diffusion also for stencils whose weights ahead and behind differ, so that what diffuses drifts. Beyond the end
+    everything is initially zero (the background), the bonds are those of the last nodes, and there are no
     sources.
 
     Parameters
@@ -50,7 +53,7 @@ class Exact(Side):
         itself, within which the history is compressed to a sum of exponentials. For smooth data the error of the field
         is of the same size; noise that fills the near field adds up to a few times as much. With None, and where no sum
         meets the bound, the history is stored and convolved: exact to rounding error, at a cost per step that grows
-        with the square of the logarithm of the number of steps.
+        with the square of the logarithm of the number of steps. So it is for stencils that drift.
 
     Raises
     ------
@@ -71,6 +74,7 @@ class Exact(Side):
     exact: ClassVar[bool] = True
     uniform: ClassVar[bool] = True
     vectors: ClassVar[bool] = False
+    drifting: ClassVar[bool] = True
     dims: ClassVar[tuple[int, ...]] = (1,)
     compress: float | None = 1e-12
 
@@ -85,6 +89,10 @@ class Exact(Side):
         return 1e-15 if self.compress is None else self.compress
 
 
+def _hashable(weights: np.ndarray) -> Weights:
+    return tuple(weights.tolist()) if weights.ndim == 1 else tuple(map(tuple, weights.tolist()))
+
+
 def _steps_of_kernel(steps: int) -> int:
     """Number of steps for which to make a kernel that must cover `steps`: powers of the square root of two, so that it
     can serve other runs.
@@ -93,10 +101,11 @@ def _steps_of_kernel(steps: int) -> int:
 
 
 @lru_cache(maxsize=1)  # for the other end, and where no sum meets the tolerance; cleared by `ExactEnds.cover`
-def _make_kernel(weights: tuple[float, ...], recursion: Recursion, steps: int) -> np.ndarray:
+def _make_kernel(weights: Weights, recursion: Recursion, steps: int) -> np.ndarray:
     """Compute the force kernel of the chain, shape (steps + 1, K, K)."""
     a = np.array(weights)
-    need = 6 * 8.0 * (steps + 1) * a.size**2  # F, M, and memory for transforms and convolutions
+    reach = a.shape[-1]
+    need = 6 * 8.0 * (steps + 1) * reach**2  # F, M, and memory for transforms and convolutions
     if need > available_memory():
         raise InputError(
             "the kernel of so many steps does not fit into memory",
@@ -105,7 +114,7 @@ def _make_kernel(weights: tuple[float, ...], recursion: Recursion, steps: int) -
             key="boundary",
             remedy="a shorter run or LatticePML",
         )
-    if steps * a.size**2 > _SLOW and sys.stderr.isatty():
+    if steps * reach**2 > _SLOW and sys.stderr.isatty():
         print(f"exact boundary: kernel of {steps} steps ...", file=sys.stderr)
     return chain.force_form(chain.ghost_kernel(a, recursion, steps), a)
 
@@ -118,7 +127,7 @@ def _cache_file(weights: np.ndarray, recursion: Recursion, steps: int, tolerance
 
 
 @lru_cache(maxsize=16)
-def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, tolerance: float) -> ExponentialSum:
+def _compressed(weights: Weights, recursion: Recursion, steps: int, tolerance: float) -> ExponentialSum:
     """Return the kernel as a sum of exponentials, from the cache folder if it is there."""
     a = np.array(weights)
     path = _cache_file(a, recursion, steps, tolerance)
@@ -143,8 +152,8 @@ class ExactEnds:
     names : sequence of str
         "x-" or "x+" for each end.
     boundaries : sequence of Exact
-    weights : sequence of ndarray, shape (K,)
-        Bonds beyond each end, over the mass of its nodes.
+    weights : sequence of ndarray, shape (K,) or (2, K)
+        Bonds beyond each end, over the mass of its nodes (`chain.half_weights`).
     masses : sequence of float
         Mass of a node beyond each end over that of a node of the model: the engine divides forces by those of its
         nodes.
@@ -179,8 +188,8 @@ class ExactEnds:
     def convolved(self) -> bool:
         """Whether the entire past is stored at every end."""
         return all(
-            b.compress is None or (self.steps > 0 and s is None)
-            for b, s in zip(self.boundaries, self.sums, strict=True)
+            b.compress is None or w.ndim > 1 or (self.steps > 0 and s is None)
+            for b, w, s in zip(self.boundaries, self.weights, self.sums, strict=True)
         )
 
     def cover(self, last: int) -> None:
@@ -199,13 +208,13 @@ class ExactEnds:
         _make_kernel.cache_clear()
 
     def _sum_of(self, end: int, steps: int) -> ExponentialSum | None:
-        """Return the sum of an end, or None if its past is to be convolved: as requested, or because no sum meets the
-        tolerance.
+        """Return the sum of an end, or None if its past is to be convolved: as requested, because the medium drifts, or
+        because no sum meets the tolerance.
         """
         tolerance = self.boundaries[end].compress
-        if tolerance is None:
+        if tolerance is None or self.weights[end].ndim > 1:
             return None
-        found = _compressed(tuple(self.weights[end].tolist()), self.recursion, steps, _AIM * tolerance)
+        found = _compressed(_hashable(self.weights[end]), self.recursion, steps, _AIM * tolerance)
         return found if found.error <= tolerance else None
 
     def _take(self, sums: list[ExponentialSum | None], steps: int, history: np.ndarray | None = None) -> None:
@@ -216,7 +225,7 @@ class ExactEnds:
         history, forces = engine.ends.history[:, : self.step] if history is None else history, engine.ends.forces
         count = history.shape[1]
         kernels = {
-            w.tobytes(): _make_kernel(tuple(w.tolist()), self.recursion, steps)
+            w.tobytes(): _make_kernel(_hashable(w), self.recursion, steps)
             for w, s in zip(self.weights, sums, strict=True)
             if s is None
         }
@@ -269,7 +278,11 @@ class ExactEnds:
         tolerance, found = self.boundaries[end].compress, self.sums[end]
         until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then recomputed"
         if not self.steps:
-            return "past convolved" if tolerance is None else f"past compressed to {tolerance:g} when the run begins"
+            return (
+                "past convolved"
+                if tolerance is None or self.weights[end].ndim > 1
+                else f"past compressed to {tolerance:g} when the run begins"
+            )
         if found is not None:
             return f"{found.modes} modes, error of the force <= {found.error:.2g}, {until}"
         return f"past convolved, exact to rounding, {until}"
@@ -278,8 +291,8 @@ class ExactEnds:
         """Return notes about ends where no sum meets the tolerance."""
         missed = [
             (name, b.compress)
-            for name, b, s in zip(self.names, self.boundaries, self.sums, strict=True)
-            if b.compress is not None and s is None
+            for name, b, w, s in zip(self.names, self.boundaries, self.weights, self.sums, strict=True)
+            if b.compress is not None and w.ndim == 1 and s is None
         ]
         return [
             f"no sum of exponentials meets the tolerance {c:g} at {name}: the past is convolved there"

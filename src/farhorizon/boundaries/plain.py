@@ -33,6 +33,7 @@ class Fixed(Side):
     value: float = 0.0
     passive: ClassVar[bool] = True
     image: ClassVar[int] = -1
+    drifting: ClassVar[bool] = True
     cracks: ClassVar[Literal["end"]] = "end"
 
     def __post_init__(self) -> None:
@@ -86,5 +87,6 @@ class Periodic(Side):
     """
 
     periodic: ClassVar[bool] = True
+    drifting: ClassVar[bool] = True
     passive: ClassVar[bool] = True
     cracks: ClassVar[Literal["repeat"]] = "repeat"

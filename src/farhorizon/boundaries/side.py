@@ -59,6 +59,8 @@ class Side:
         It is available for fields of several components.
     reactive : bool
         It is available for media whose stencil has a reaction.
+    drifting : bool
+        It is available for stencils whose weights ahead and behind differ.
     dims : tuple of int
         The numbers of dimensions in which it is available.
     label : str
@@ -106,6 +108,7 @@ class Side:
     cracks: ClassVar[Literal["end", "continue", "repeat", "refuse"]] = "refuse"
     vectors: ClassVar[bool] = True
     reactive: ClassVar[bool] = True
+    drifting: ClassVar[bool] = False
     dims: ClassVar[tuple[int, ...]] = (1, 2, 3)
     label: ClassVar[str]
     tag: ClassVar[str]

@@ -41,24 +41,39 @@ def _chain_increment(
 
 
 @njit(cache=True, error_model="numpy")
+def _add_drift(u: np.ndarray, d: np.ndarray, scaled: np.ndarray, first: int, last: int) -> None:
+    """Add ``sum over k of scaled[k - 1] (u[i - k] - u[i + k])`` to the increments of the nodes first .. last - 1."""
+    out, count = d[first:last], last - first
+    for k in range(1, scaled.size + 1):
+        w, before, after = scaled[k - 1], u[first - k : last - k], u[first + k : last + k]
+        for i in range(count):
+            out[i] += w * (before[i] - after[i])
+
+
+@njit(cache=True, error_model="numpy")
 def chain_responses(weights: np.ndarray, keep: float, scale: float, reaction: float, window: np.ndarray) -> np.ndarray:
     """Compute the ghost values of a chain at rest of which one driver has the value 1 at step 0 only: column m for
     driver m + 1.
 
+    `weights`, shape (2, K), are those towards the drivers and those away from them, which come first and last in u.
     ``window[n]`` nodes of the chain are advanced to step n. Returns shape (steps + 1, K, K).
     """
-    reach, steps = weights.size, window.size - 1
+    reach, steps = weights.shape[1], window.size - 1
     length = window.max()
     kernel = np.zeros((steps + 1, reach, reach))
     u, d = np.zeros(length + 2 * reach), np.zeros(length + 2 * reach)
-    scaled = scale * weights
+    scaled, drift = scale * (weights[0] + weights[1]) / 2, scale * (weights[0] - weights[1]) / 2
+    drifting = drift.any()
     for driver in range(reach):
         u[:], d[:] = 0, 0
         u[reach - 1 - driver] = 1
         for step in range(1, steps + 1):
             last = reach + window[step]
             for start in range(reach, last, _CHUNK):
-                _chain_increment(u, d, scaled, keep, scale * reaction, start, min(start + _CHUNK, last))
+                end = min(start + _CHUNK, last)
+                _chain_increment(u, d, scaled, keep, scale * reaction, start, end)
+                if drifting:
+                    _add_drift(u, d, drift, start, end)
             u[reach - 1 - driver] = 0
             for i in range(reach, last):
                 u[i] += d[i]

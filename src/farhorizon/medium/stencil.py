@@ -15,6 +15,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.medium.kernel import Kernel
 
+_NO_DECAY = 1e-12  # rate of decay, over that of diffusion, that is rounding
 _FARTHEST = 1000  # largest component of an offset, in nodes
 _MOST_NEIGHBOURS = 100_000  # in a kernel's stencil: far more than any use needs, and still built quickly
 
@@ -68,6 +69,13 @@ class Stencil(Storable):
         matrices the transpose), a negative reaction of vectors (a matrix that is not symmetric or has a negative
         eigenvalue).
 
+    Notes
+    -----
+    In one dimension w_(-k) may differ from w_k: what diffuses then also drifts, with the velocity
+    ``-coefficient / spacing * sum_k k w_k``, as in peridynamic advection and diffusion (Zhao, Chen, Mehrmashadi and
+    Bobaru, Int. J. Heat Mass Transf. 126 (2018) 1253). Such a stencil serves diffusion and heat by forward Euler,
+    between sides of type `Exact`, `Fixed` or `Periodic`.
+
     Examples
     --------
     >>> import farhorizon as fh
@@ -112,7 +120,8 @@ class Stencil(Storable):
         self.dim = dim
         self.reaction = _reaction(reaction, self.components)
         unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
-        if unlike is not None:
+        self.drifting = dim == 1 and unlike is not None
+        if unlike is not None and not self.drifting:
             raise InputError(
                 "a stencil must have equal weights at k and -k, of matrices the transpose",
                 value=unlike,
@@ -129,6 +138,11 @@ class Stencil(Storable):
 
     def __hash__(self) -> int:
         return hash((self.offsets.tobytes(), self.weights.tobytes(), np.asarray(self.reaction).tobytes()))
+
+    @property
+    def drift(self) -> float:
+        """Nodes by which a `drifting` medium carries its field in a unit of time, 0 for others."""
+        return abs(float(self.weights @ self.offsets[:, 0])) if self.drifting else 0.0
 
     @property
     def components(self) -> int:
@@ -319,14 +333,20 @@ class Stencil(Storable):
         Returns
         -------
         ndarray
-            Real, of the shape of the angles; for matrices Hermitian, with two additional axes at the end, complex if
-            any weight is not symmetric.
+            Real, of the shape of the angles, but complex for a `drifting` stencil; for matrices Hermitian, with two
+            additional axes at the end, complex if any weight is not symmetric.
         """
+        if self.drifting:
+            phase = np.multiply.outer(np.asarray(angles[0], float), self.offsets[:, 0])
+            return (2 * np.sin(phase / 2) ** 2 - 1j * np.sin(phase)) @ self.weights + self.own
         bonds = self._sum_up(lambda o, phase: 2 * np.sin(phase / 2) ** 2, lambda o, phase: np.sin(phase), *angles)
         return bonds + self.own
 
     def symbol_gradient(self, axis: int, *angles: np.ndarray | float) -> np.ndarray:
-        """Derivative of the symbol along one axis."""
+        """Derivative of the symbol along one axis; of its real part for a `drifting` stencil."""
+        if self.drifting:
+            phase = np.multiply.outer(np.asarray(angles[0], float), self.offsets[:, 0])
+            return np.sin(phase) @ (self.weights * self.offsets[:, 0])
         return self._sum_up(lambda o, phase: o[axis] * np.sin(phase), lambda o, phase: o[axis] * np.cos(phase), *angles)
 
     def _sum_up(
@@ -357,8 +377,10 @@ class Stencil(Storable):
         return np.moveaxis(total, (0, 1), (-2, -1)) if width else total
 
     def branches(self, *angles: np.ndarray | float) -> np.ndarray:
-        """Eigenvalues of the symbol, ascending, along an additional axis at the end: one for a scalar field."""
-        symbol = self.symbol(*angles)
+        """Eigenvalues of the symbol, ascending, along an additional axis at the end: one for a scalar field, its real
+        part.
+        """
+        symbol = self.symbol(*angles).real if self.drifting else self.symbol(*angles)
         return symbol[..., None] if self.components == 1 else np.linalg.eigvalsh(symbol)
 
     def branches_with_gradient(self, *angles: np.ndarray | float) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -384,7 +406,9 @@ class Stencil(Storable):
 
     @property
     def symbol_maximum(self) -> float:
-        """Largest value of the symbol, or of its eigenvalues, over the Brillouin zone."""
+        """Largest value of the symbol, or of its eigenvalues, over the Brillouin zone; for a `drifting` stencil the
+        real value that would limit the step of forward Euler alike, infinite if short waves grow at any step.
+        """
         return _symbol_maximum(self)
 
     @property
@@ -411,7 +435,11 @@ class Stencil(Storable):
         return zone, growth
 
     def backward_waves(self) -> BackwardWaves:
-        """Backward waves along any axis, from the signs of group and phase velocity in the Brillouin zone."""
+        """Backward waves along any axis, from the signs of group and phase velocity in the Brillouin zone; none where
+        the medium drifts, which carries no waves.
+        """
+        if self.drifting:
+            return BackwardWaves(0.0, 0.0, np.inf)
         zone, growth = self.layer_growth
         radius = np.sqrt(sum(a**2 for a in zone))
         found = (growth > 0).any(-1)
@@ -420,7 +448,8 @@ class Stencil(Storable):
         )
 
     def __repr__(self) -> str:
-        more = f", reaction={self.strongest_reaction:g}" if np.any(self.reaction) else ""
+        more = ", drifting" * self.drifting
+        more += f", reaction={self.strongest_reaction:g}" if np.any(self.reaction) else ""
         return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach}{more})"
 
 
@@ -450,6 +479,8 @@ def _symbol_maximum(stencil: Stencil) -> float:
     from scipy.optimize import minimize
 
     zone = stencil._zone()
+    if stencil.drifting:
+        return _drifting_maximum(stencil, zone[0][1:])
     values = stencil.branches(*zone)[..., -1]
     best = float(values.max())
 
@@ -463,6 +494,15 @@ def _symbol_maximum(stencil: Stencil) -> float:
         found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
         best = max(best, -float(found.fun))
     return best
+
+
+def _drifting_maximum(stencil: Stencil, angle: np.ndarray) -> float:
+    """Largest ``|s|^2 / Re s`` of the symbol s: ``|1 - dt s| <= 1`` where ``dt <= 2 Re s / |s|^2``."""
+    values, k = stencil.symbol(angle), stencil.offsets[:, 0]
+    if not (values.real > _NO_DECAY * np.abs(stencil.weights).max() * angle**2).all():
+        return np.inf
+    longest = 0.0 if stencil.own else 2 * stencil.drift**2 / (stencil.weights @ k**2)  # as angle -> 0
+    return max(float((np.abs(values) ** 2 / values.real).max()), float(longest))
 
 
 @lru_cache(maxsize=8)

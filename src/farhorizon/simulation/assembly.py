@@ -209,7 +209,7 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
     check_memory(setup, stencil, by_target(setup, sides, stencil))
     coefficient = node_factor(setup)
     variation = variation.times(coefficient)
-    check_variation(sides, variation)
+    check_variation(sides, variation, stencil)
     check_entrances(whole, sides, stencil)
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     check_signals(setup, near)

@@ -98,7 +98,9 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
             remedy="Free",
         )
     recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping, float(grid.engine.reaction))
-    bonds = half_weights(near.stencil, near.model.coefficient / near.lattice.spacing**2)
+    unit = near.model.coefficient / near.lattice.spacing**2
+    bonds = [half_weights(near.stencil, unit, side) for side, _ in found]
+    count = near.stencil.reach[0]
     line = grid.engine.core.node_indices().ravel()
     stiff, heavy = (
         [1.0 if values is None else float(values[0 if side < 0 else -1]) for side, _ in found]
@@ -108,10 +110,8 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
         grid.engine,
         [side_name(0, side) for side, _ in found],
         [b for _, b in found],
-        [bonds * (one / mass) for one, mass in zip(stiff, heavy, strict=True)],
+        [b * (one / mass) for b, one, mass in zip(bonds, stiff, heavy, strict=True)],
         heavy,
         recursion,
-        np.array(
-            [line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]
-        ),
+        np.array([line[0] + np.arange(count) if side < 0 else line[-1] - np.arange(count) for side, _ in found]),
     )

@@ -15,6 +15,7 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
 from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.feed import Batch, Feed
+from farhorizon.simulation.flux import check_drift
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.of_field import Conduction
@@ -78,6 +79,7 @@ class FlowBalance:
                 key="balance",
                 remedy="leave it out: the energy is recorded without it",
             )
+        check_drift(near, "balance")
         self.near, self.sides, self.grid, self.phases, self.ends, self.feed = near, sides, grid, phases, ends, feed
         self._setup, self._team = setup, team
         outer = [side_name(*key) for key, side in sides.items() if not (side.periodic or side.shared)]

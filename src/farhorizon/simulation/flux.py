@@ -137,6 +137,18 @@ def power_across(
     return total * spacing ** (u.ndim - 2)
 
 
+def check_drift(near: NearField, key: str) -> None:
+    """Refuse to sum flows over bonds where the medium drifts: what one node loses by a bond the other does not gain."""
+    if near.stencil.drifting:
+        raise InputError(
+            "flows are not sums over bonds in a medium that drifts",
+            value=type(near.model).__name__,
+            limit="weights that are equal at k and -k",
+            key=key,
+            remedy="the change of what is stored: energies()",
+        )
+
+
 def flux_tables(
     near: NearField, grid: Grid, phases: SolidAndLiquid | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Bonds]:
@@ -144,6 +156,7 @@ def flux_tables(
     function that returns the factor of the bond from each node of the near field along an offset, 0 where none exists
     within the near field.
     """
+    check_drift(near, "flux")
     engine, stencil = grid.engine, near.stencil
     u = grid.view(engine.current).reshape(near.lattice.shape).astype(float)
     if phases is not None and phases.dissolution.limited:  # the value of the metal in bonds between the phases

@@ -85,13 +85,22 @@ def _check_bonds(setup: Setup) -> None:
         )
 
 
-def check_variation(sides: Sides, variation: Variation) -> None:
-    """Refuse sides that continue the medium with a single density if the density varies.
+def check_variation(sides: Sides, variation: Variation, stencil: Stencil) -> None:
+    """Refuse sides that continue the medium with a single density if the density varies, and a medium that drifts if
+    anything varies.
 
     Raises
     ------
     InputError
     """
+    if stencil.drifting and (variation.squared_speed is not None or variation.density is not None):
+        raise InputError(
+            "a medium that drifts is uniform",
+            value="values that vary",
+            key="model",
+            limit="constants, and no coefficient",
+            remedy="numbers, or a stencil with equal weights at k and -k",
+        )
     if variation.density is None:
         return
     for key, boundary in sides.items():
@@ -163,6 +172,8 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         )
     if stencil.strongest_reaction:
         _check_reaction(setup, sides, stencil)
+    if stencil.drifting:
+        _check_drift(setup, sides, stencil)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
         if n < 2 * m + 1 and not sides[axis, -1].periodic:
@@ -268,6 +279,49 @@ def _check_reaction(setup: Setup, sides: Sides, stencil: Stencil) -> None:
             limit=0,
             remedy="a source, or initial data",
         )
+
+
+def _check_drift(setup: Setup, sides: Sides, stencil: Stencil) -> None:
+    """Refuse what a medium that drifts does not support, and one whose short waves grow however small the step is."""
+    model, words = setup.model, "weights that differ ahead of a node and behind it"
+    if not isinstance(model.integrator, Euler):
+        raise InputError(
+            f"{model.title} with {words} is not available with this integrator",
+            value=model.integrator.name,
+            limit="diffusion and heat by forward Euler",
+            key="model",
+            remedy="weights that are equal at k and -k for waves; integrator = euler for diffusion",
+        )
+    if not np.isfinite(stencil.symbol_maximum):
+        raise InputError(
+            "some waves grow at every time step: they are carried, but nothing spreads them",
+            value=stencil.weights.tolist(),
+            limit="sum_k w_k (1 - cos k angle) > 0 for all angles but zero",
+            key="model.operator",
+            remedy="larger weights for the diffusion, or differences that lie upstream",
+        )
+    for key, boundary in sides.items():
+        if not boundary.drifting:
+            raise InputError(
+                f"{type(boundary).__name__} does not support {words}",
+                value=type(boundary).__name__,
+                key=f"boundary.{side_name(*key)}",
+                limit=names(lambda kind: kind.drifting and model.serves(kind)),
+                remedy="Exact",
+            )
+    conditions = [one for one in setup.constraints if not isinstance(one, Prescribed)]
+    for name, given in (
+        ("crack", len(setup.cracks)),
+        ("lattice.body", setup.lattice.body is not None),
+        ("constraint", len(conditions)),
+        ("model", bool(model.follows or model.dissolution)),
+    ):
+        if given:
+            raise InputError(
+                f"no bond is cut, stronger or weaker than others in a medium with {words}",
+                key=name,
+                remedy="leave it out, or a stencil with equal weights at k and -k",
+            )
 
 
 def _check_closing(setup: Setup, sides: Sides) -> None:

@@ -317,7 +317,8 @@ def _homogeneous(setup: Setup, ours: Simulation) -> bool:
 
 def _besides(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
     """Return what is run in addition to a set-up: the other absorber, a fixed and a free edge, as far as applicable."""
-    served = [rim for rim, end in (("fixed", Fixed), ("free", Free)) if ours.model.serves(end)]
+    ends = (("fixed", Fixed), ("free", Free))
+    served = [rim for rim, end in ends if ours.model.serves(end) and (end.drifting or not ours.stencil.drifting)]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
 

@@ -124,7 +124,7 @@ def test_nothing_travels_beyond_the_front(kind, share):
     recursion = recursion_at(BAR, kind, share)
     kernel = run_kernel(BAR, recursion, 300)
     nodes = np.full(301, 2 * int(fronts(BAR, recursion, 300)[-1]))
-    longer = chain_responses(BAR, recursion.keep, recursion.scale, recursion.reaction, nodes)
+    longer = chain_responses(np.stack([BAR, BAR]), recursion.keep, recursion.scale, recursion.reaction, nodes)
     assert np.abs(kernel - longer).max() < 1e-15
 
 

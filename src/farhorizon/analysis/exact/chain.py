@@ -8,7 +8,9 @@ rest is
     ghost(-q) at step j = sum over lags a = 1 .. j and drivers m of  F[a, q, m - 1] u_m at step j - a,
 
 explicit because F[0] = 0. The sample at step 0 has the weight `Recursion.first`. The force of all ghosts on driver i is
-the same sum with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Ji, Pang, Zhang, Yang and Perdikaris (2021),
+the same sum with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Where the bonds of a node towards the near
+field and away from it differ (a stencil that drifts), weights have shape (2, K), in this order: F follows from both,
+and D contains those of the drivers, which point away. Ji, Pang, Zhang, Yang and Perdikaris (2021),
 eqs 5 to 15, derive the kernels of the chain that is continuous in time and then discretise the convolution; here the
 chain takes the same time steps as the near field, so that there is no discretisation error.
 """
@@ -85,9 +87,10 @@ class Recursion:
         return np.maximum(np.abs(half + root), np.abs(half - root))
 
 
-def half_weights(stencil: Stencil, rate: float = 1.0) -> np.ndarray:
+def half_weights(stencil: Stencil, rate: float = 1.0, side: int = -1) -> np.ndarray:
     """Weights a_1 .. a_K of a one-dimensional stencil times `rate` (``coefficient / spacing^2``), zeros where it has
-    gaps.
+    gaps; for a stencil that drifts those towards the near field and away from it, shape (2, K), beyond its end at
+    `side` (-1 or 1).
 
     Raises
     ------
@@ -98,22 +101,33 @@ def half_weights(stencil: Stencil, rate: float = 1.0) -> np.ndarray:
         raise InputError(
             "the exact boundary is for one dimension", value=f"{stencil.dim} dimensions", remedy="LatticePML"
         )
-    weights = np.zeros(stencil.reach[0])
-    ahead = stencil.offsets[:, 0] > 0
-    weights[stencil.offsets[ahead, 0] - 1] = rate * stencil.weights[ahead]
-    return weights
+    weights = np.zeros((2, stencil.reach[0]))
+    for row, direction in zip(weights, (-side, side), strict=True):
+        ahead = direction * stencil.offsets[:, 0] > 0
+        row[direction * stencil.offsets[ahead, 0] - 1] = rate * stencil.weights[ahead]
+    return weights if stencil.drifting else weights[0]
+
+
+def both_ways(weights: np.ndarray) -> np.ndarray:
+    """Weights towards the near field and away from it, shape (2, K)."""
+    return np.broadcast_to(weights, (2, weights.shape[-1]))
 
 
 def symbol(weights: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """``4 sum_k a_k sin^2(k angle / 2)``, the eigenvalue of -A; complex angles too."""
-    k = np.arange(1, weights.size + 1)
-    return 4 * (weights * np.sin(np.multiply.outer(angle, k) / 2) ** 2).sum(-1)
+    """``4 sum_k a_k sin^2(k angle / 2)``, the eigenvalue of -A for waves ``exp(i angle n)``, n away from the near
+    field; complex angles too.
+    """
+    toward, away = both_ways(weights)
+    phase = np.multiply.outer(angle, np.arange(1, toward.size + 1))
+    even = 2 * ((toward + away) * np.sin(phase / 2) ** 2).sum(-1)
+    return even if weights.ndim == 1 else even + 1j * ((toward - away) * np.sin(phase)).sum(-1)
 
 
 def driver_matrix(weights: np.ndarray) -> np.ndarray:
-    """D[q, m - 1] = a_(m + q), the bonds between the ghosts -q and the drivers m; shape (K, K)."""
-    reach = weights.size
-    padded = np.concatenate([weights, np.zeros(reach)])
+    """D[q, m - 1] = a_(m + q), the bonds of the drivers m to the ghosts -q; shape (K, K)."""
+    away = both_ways(weights)[1]
+    reach = away.size
+    padded = np.concatenate([away, np.zeros(reach)])
     return padded[np.add.outer(np.arange(reach), np.arange(reach))]
 
 
@@ -135,14 +149,15 @@ def fronts(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
     A mode of complex angle kappa + i theta decays by theta per node and grows by at most the factor g(theta) per step,
     so that ``(steps log g + 42) / theta`` is a bound for every theta; the smallest of them is taken.
     """
-    theta = np.geomspace(1e-4, 4.0, 80) / max(1, weights.size // 4)
+    reach = weights.shape[-1]
+    theta = np.geomspace(1e-4, 4.0, 80) / max(1, reach // 4)
     angle = np.linspace(0, np.pi, 513)[:, None] + 1j * theta
     rate = np.log(np.maximum(recursion.growth(-symbol(weights, angle)).max(0), 1.0))
     count = np.arange(steps + 1)
-    bound = weights.size * count.astype(float)  # a step carries no farther than the stencil reaches
+    bound = reach * count.astype(float)  # a step carries no farther than the stencil reaches
     for grown, thickness in zip(rate, theta, strict=True):
         np.minimum(bound, (count * grown + _ROUNDING) / thickness, out=bound)
-    return np.ceil(bound).astype(np.int64) + weights.size
+    return np.ceil(bound).astype(np.int64) + reach
 
 
 def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
@@ -150,7 +165,7 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
 
     Parameters
     ----------
-    weights : ndarray, shape (K,)
+    weights : ndarray, shape (K,) or (2, K)
         a_1 .. a_K, 1/time^2 for waves, 1/time for diffusion.
     recursion : Recursion
     steps : int
@@ -161,9 +176,14 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
     """
     from farhorizon.engine.chain_loops import chain_responses  # late: Numba is slow to import
 
-    front = fronts(weights, recursion, steps)
-    window = np.minimum(front, front[::-1])
-    return chain_responses(weights, recursion.keep, recursion.scale, recursion.reaction, window)
+    window = _window(weights, recursion, steps)
+    return chain_responses(both_ways(weights).copy(), recursion.keep, recursion.scale, recursion.reaction, window)
+
+
+def _window(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
+    """Number of nodes from which an impulse at step 0 can return to the drivers by the last step, at each step."""
+    back = fronts(both_ways(weights)[::-1] if weights.ndim > 1 else weights, recursion, steps)
+    return np.minimum(fronts(weights, recursion, steps) if weights.ndim > 1 else back, back[::-1])
 
 
 def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
@@ -287,10 +307,12 @@ def ghost_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.nd
     """Ghost kernel F from a run of the chain, or from the transform where the chain takes more than a few seconds and
     twice as long.
 
-    The chain is preferred because it preserves rigid motions to rounding. Parameters and result as in `run_kernel`.
+    The chain is preferred because it preserves rigid motions to rounding; the transform serves symmetric bonds only.
+    Parameters and result as in `run_kernel`.
     """
-    front = fronts(weights, recursion, steps)
-    node_steps = float(np.minimum(front, front[::-1]).sum())
+    if weights.ndim > 1:
+        return run_kernel(weights, recursion, steps)
+    node_steps = float(_window(weights, recursion, steps).sum())
     points = _OVERSAMPLING / 2 * steps * min(1.0, 4 * largest_angle(weights, recursion) / np.pi)
     cheap = 4 * weights.size**2 * node_steps < _CHAIN_FLOPS or node_steps < 2 * _POINT_COST * points
     return run_kernel(weights, recursion, steps) if cheap else transform_kernel(weights, recursion, steps)

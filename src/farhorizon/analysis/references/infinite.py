@@ -34,6 +34,7 @@ def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
     until : float
     """
     distance = 0.5 * until * np.sqrt(rate) * largest_speed(stencil) if order == 2 else 6 * np.sqrt(rate * until)
+    distance += stencil.drift * rate * until
     return int(np.ceil(distance)) + 10 * max(stencil.reach) + int(5 * np.cbrt(distance))
 
 
@@ -78,7 +79,7 @@ class InfiniteLattice:
             travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
             travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
         else:
-            travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach)
+            travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach) + stencil.drift * rate * last * dt
         self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
         if 16 * 8 * stencil.components**2 * float(np.prod(self.box)) > available_memory():
             raise InputError(
