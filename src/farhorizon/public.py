@@ -44,6 +44,7 @@ from farhorizon.inputs.conditions import Insulated as Insulated
 from farhorizon.inputs.conditions import Temperature as Temperature
 from farhorizon.inputs.cracks import Crack as Crack
 from farhorizon.inputs.expressions import Expression as Expression
+from farhorizon.inputs.expressions import function as function
 from farhorizon.inputs.incident_fields import IncidentField as IncidentField
 from farhorizon.inputs.incident_records import IncidentRecord as IncidentRecord
 from farhorizon.inputs.loads import BodyForce as BodyForce

@@ -1,6 +1,8 @@
 """Sources and conductivities that depend on the field, against other solvers and in closed form."""
 
+import math
 import os
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -8,10 +10,19 @@ from scipy.integrate import solve_ivp
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.inputs import expressions
 from helpers import fitted_rate
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+LINE = fh.Lattice(0.5, -8.0, 8.0)
+HOT = {"u": "exp(-x**2)"}
 LAW = "1 + 2*u + 0.5*u**2"
+
+
+def named(name, function):
+    """Return a function with another name."""
+    function.__name__ = name
+    return function
 
 
 def conductivity(u):
@@ -239,10 +250,94 @@ def test_case_files_have_them_too(tmp_path):
     assert one.certificate().reason.endswith("as at the background, without sources")
 
 
-# --- bad input ---------------------------------------------------------------------------------------------------
+# --- functions of users, by name ---------------------------------------------------------------------------------
 
-LINE = fh.Lattice(0.5, -8.0, 8.0)
-HOT = {"u": "exp(-x**2)"}
+
+@fh.function
+def ignited(u, x):
+    """What is hotter than 0.3 burns, faster on one side: with branches, as numbers have them."""
+    return (2 + math.tanh(x)) * (u - 0.3) * (1 - u) if u > 0.3 else 0.0
+
+
+@fh.function
+def tabled(u):
+    """As `1 + u/2` by what Numba does not compile."""
+    return {"slope": Fraction(1, 2)}["slope"] * u + 1
+
+
+@pytest.mark.parametrize(
+    ("conductivity", "source", "same"),
+    [
+        ("1 + u/2", "ignited(u, x)", ("1 + u/2", "where(u > 0.3, (2 + tanh(x))*(u - 0.3)*(1 - u), 0)")),
+        ("tabled(u)", "0*u", ("1 + u/2", "0*u")),
+    ],
+)
+def test_a_function_by_its_name_is_the_expression_that_it_stands_for(conductivity, source, same, tmp_path):
+    """Compiled or not, also in case files and checkpoints, which keep the name."""
+    law, line = fh.Kernel(0.5), fh.Lattice(0.25, -4.0, 4.0)
+    runs = [
+        fh.Simulation(line, fh.Heat(law, conductivity=k), fh.Free(), {"u": "exp(-x**2)"}, sources=[w], dt=0.01)
+        for k, w in ((conductivity, source), same)
+    ]
+    for sim in runs:
+        sim.step(40)
+    np.testing.assert_allclose(runs[0].fields["u"], runs[1].fields["u"], rtol=1e-12)
+    runs[0].save(tmp_path / "a.ckpt")
+    again = fh.Simulation.restore(tmp_path / "a.ckpt")
+    (tmp_path / "a.toml").write_text(
+        CASE.replace('"1 + 2*u + 0.5*u**2"', f'"{conductivity}"').replace("u*(1 - u)", source)
+    )
+    case = Case.read(tmp_path / "a.toml").simulation()
+    other = fh.Simulation(case.lattice, case.model, fh.Free(), {"u": "exp(-x**2)"}, sources=[source], dt=case.dt)
+    for sim, count in ((runs[0], 10), (again, 10), (case, 20), (other, 20)):
+        sim.step(count)
+    assert np.array_equal(again.fields["u"], runs[0].fields["u"])
+    assert np.array_equal(case.fields["u"], other.fields["u"])
+
+
+def test_functions_are_compiled_where_that_is_possible():
+    u = np.array([0.2, 0.5, np.nan])
+    for given, compiled in ((ignited, True), (tabled, False)):
+        arrays = [u, 0 * u][: 2 if given is ignited else 1]
+        own = expressions.OWN[given.__name__]
+        np.testing.assert_allclose(own(*arrays), [given(*one) for one in zip(*arrays, strict=True)], rtol=1e-14)
+        assert own.compiled is compiled
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (lambda u: u, r"function: must be a function with a name"),
+        (3.0, r"function: must be a function with a name"),
+        (named("exp", lambda u: u), r"expressions have this name already; value: exp"),
+        (named("u", lambda u: u), r"expressions have this name already"),
+        (named("ignited", lambda u: u), r"expressions have this name already"),
+        (named("several", lambda *u: u), r"given by position; value: several\(\*u\)"),
+        (named("chosen", lambda u, power=2: u), r"without defaults"),
+    ],
+)
+def test_functions_that_have_no_name_of_their_own(given, words):
+    with pytest.raises(fh.InputError, match=words):
+        fh.function(given)
+
+
+def test_functions_that_are_not_there_or_fail(tmp_path, monkeypatch):
+    with pytest.raises(fh.InputError, match=r"unknown function 'absent'.*import what gives it to fh.function"):
+        fh.Simulation(LINE, fh.Heat(fh.Kernel(1.0)), fh.Free(), HOT, sources=["absent(u)"])
+    failing = fh.function(named("failing", lambda u: [][int(u)]))
+    assert failing.__name__ in expressions.OWN
+    with pytest.raises(fh.InputError, match=r"the function failing has failed; value: IndexError"):
+        fh.Simulation(LINE, fh.Heat(fh.Kernel(1.0)), fh.Free(), HOT, sources=["failing(u)"])
+    sim = fh.Simulation(LINE, fh.Heat(fh.Kernel(1.0)), fh.Free(), HOT, sources=["ignited(u, x)"])
+    sim.save(tmp_path / "a.ckpt")
+    for table in (expressions.OWN, expressions.FUNCTIONS):
+        del table["failing"]
+        monkeypatch.delitem(table, "ignited")
+    with pytest.raises(fh.InputError, match=r"unknown function 'ignited'"):
+        fh.Simulation.restore(tmp_path / "a.ckpt")
+
+
+# --- bad input ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import difflib
 import functools
+import inspect
 import operator
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,7 +25,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression", "as_given", "as_signal"]
+__all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression", "as_given", "as_signal", "function"]
 
 MAX_LENGTH = 10_000
 """Longest text of an expression, in characters."""
@@ -78,6 +79,124 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int, int | None]] = {
     "erf": (erf, 1, 1),
 }
 """Functions by name: the callable, and its least and greatest number of arguments (None: no limit)."""
+
+
+class _OfNumbers:
+    """A function of numbers that acts on arrays: compiled at its first call if Numba can, otherwise called for each
+    entry.
+    """
+
+    def __init__(self, given: Callable[..., float]) -> None:
+        self.__wrapped__ = given
+        self.compiled: bool | None = None
+        self._of_arrays: Callable[..., Any] = given
+
+    def __call__(self, *arrays: Any) -> NDArray[np.float64]:
+        arrays = tuple(np.asarray(one, float) for one in arrays)
+        if self.compiled is None:
+            self.compiled = self._compile(*arrays)
+        try:
+            return np.asarray(self._of_arrays(*arrays), float)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            raise InputError(
+                f"the function {self.__wrapped__.__name__} has failed",
+                value=f"{type(error).__name__}: {error}",
+                limit="a real number for all arguments with which it is called",
+                remedy="a value, or nan, where it is not defined",
+            ) from None
+
+    def _compile(self, *arrays: NDArray[np.float64]) -> bool:
+        """Compile, and return whether Numba can: whether it compiles and calculates what Python does."""
+        import numba  # late: slow to import
+
+        some = [one.flat[: 1 if one.size else 0] for one in arrays]
+        self._of_arrays = np.vectorize(self.__wrapped__, otypes=[float])
+        try:
+            made = numba.vectorize([numba.float64(*[numba.float64] * len(arrays))])(self.__wrapped__)
+            alike = np.allclose(made(*some), self._of_arrays(*some), rtol=1e-12, atol=0, equal_nan=True)
+        except Exception:  # whatever it is, the function may still be called as it was written
+            return False
+        if alike:
+            self._of_arrays = made
+        return bool(alike)
+
+
+OWN: dict[str, _OfNumbers] = {}
+"""Functions of users, by name."""
+
+
+def function(given: Callable[..., float]) -> Callable[..., float]:
+    """Give a function of your own to expressions, under its name.
+
+    Texts may then call it, as in ``"burning(u, x)"``, wherever expressions are accepted: for sources and conductivities
+    that depend on the field, initial values, signals. Case files and checkpoints name it; a program that reads them
+    imports the module that defines it first.
+
+    Parameters
+    ----------
+    given : callable
+        A function of one or more numbers, by position, that returns a number; it may contain branches and loops. It is
+        compiled by Numba at its first use if Numba can, otherwise called for each node.
+
+    Returns
+    -------
+    callable
+        The function itself, so that this can be used as a decorator.
+
+    Raises
+    ------
+    InputError
+        Not a function; arguments of varying number, or that must be named; a name that expressions have already,
+        unless it is that of the same function, defined again.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> @fh.function
+    ... def burning(u, rate):
+    ...     "What is hotter than 0.3 burns."
+    ...     return rate * (1 - u) if u > 0.3 else 0.0
+    >>> line = fh.Lattice(0.1, -3, 3)
+    >>> spread = fh.Diffusion(fh.Kernel(0.3))
+    >>> sim = fh.Simulation(line, spread, fh.Free(), {"u": "exp(-x**2)"}, sources=["burning(u, 5)"])
+    >>> sim.step(10)
+    """
+    name = getattr(given, "__name__", "")
+    if not callable(given) or not name.isidentifier():
+        raise InputError(
+            "must be a function with a name",
+            value=shown(given),
+            limit="a function that def defines",
+            key="function",
+            remedy="def name(u, x): return ...",
+        )
+    arguments = list(inspect.signature(given).parameters.values())
+    if not arguments or any(a.kind is not a.POSITIONAL_OR_KEYWORD or a.default is not a.empty for a in arguments):
+        raise InputError(
+            "must be a function of numbers that are given by position",
+            value=f"{name}{inspect.signature(given)}",
+            limit="one argument or more, without defaults",
+            key="function",
+            remedy=f"def {name}(u, x): return ...",
+        )
+    taken = name in OWN and _place(OWN[name].__wrapped__) != _place(given)
+    if taken or (name in FUNCTIONS and name not in OWN) or name in (*CONSTANTS, *COORDINATES, "t", "u"):
+        raise InputError(
+            "expressions have this name already",
+            value=name,
+            limit=", ".join([*FUNCTIONS, *CONSTANTS, *COORDINATES, "t", "u"]),
+            key="function",
+            remedy="another name",
+        )
+    OWN[name] = _OfNumbers(given)
+    FUNCTIONS[name] = OWN[name], len(arguments), len(arguments)
+    return given
+
+
+def _place(given: Callable[..., Any]) -> tuple[str, str]:
+    """Return the module of a function, and its name there."""
+    return given.__module__, given.__qualname__
+
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
@@ -509,7 +628,8 @@ def _check_call(name: str, count: int, variables: Sequence[str]) -> None:
     if name not in FUNCTIONS:
         if name in (*variables, *CONSTANTS):
             raise InputError(f"{name} is not a function", remedy=f"write a product as {name}*(...)")
-        raise InputError(f"unknown function {name!r} in the expression", remedy=_suggest(name, list(FUNCTIONS)))
+        remedy = f"{_suggest(name, list(FUNCTIONS))}; a function of your own: import what gives it to fh.function"
+        raise InputError(f"unknown function {name!r} in the expression", remedy=remedy)
     _, least, most = FUNCTIONS[name]
     if count < least or (most is not None and count > most):
         raise InputError(
