@@ -734,6 +734,8 @@ def refused():
             SOLID, initial={}, loads=[fh.ThermalLoad("0.01*x", expansion=1.0, reference=0.0)], shape=(79, 81)
         ),
         "heat of deformation": lambda: plane(fh.Thermoelastic(SOLID, fh.Heat(KERNEL), 0.01, 300.0), initial={}),
+        "w(u)": lambda: plane(fh.Diffusion(KERNEL), fh.Free(), sources=["u*(1 - u)"]),
+        "k(u)": lambda: plane(fh.Heat(KERNEL, conductivity="1 + u"), fh.Free()),
         "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),
         "exact": lambda: fh.Setup(lattice(61), WAVE, fh.Exact(), {"u": pulse(1)}),

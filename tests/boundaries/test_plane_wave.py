@@ -297,3 +297,94 @@ def test_bad_points(changes, message):
 def test_bad_options(options):
     with pytest.raises(fh.InputError):
         fh.PlaneWave(**options)
+
+
+SOLIDS = {
+    "bonds": fh.Elastic(fh.Kernel(2.0), young=1.0),
+    "states": fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.15, material="state-based"),
+    "nearly incompressible": fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.45, material="state-based"),
+    "elements": fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"),
+}
+SHOVE = {"u": ["exp(-((x - 1)**2 + (y + 1)**2)/6)", "0*x"]}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_modes_of_solids_are_eigenvectors_of_the_symbol(name):
+    stencil = SOLIDS[name].medium(1.0, 2)
+    k = np.array([[0.3, -0.7], [1.9, 0.4]])
+    symbols, polar = modes.polarised(k, stencil.offsets.astype(float), stencil.weights)
+    matrices = np.repeat(stencil.symbol(*k.T), 2, axis=0)
+    np.testing.assert_allclose(np.einsum("mij,mj->mi", matrices, polar), symbols[:, None] * polar, atol=1e-13)
+
+
+def test_a_fit_of_several_components_contains_that_of_one():
+    """Two components that do not interact, of one speed, are two scalar fields."""
+    medium, k = fh.Stencil.finite_difference(2), np.random.default_rng(3).uniform(0.1, 1.0, (40, 2))
+    places = np.array([[0.0, 0.0], [-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0]])
+    symbol = medium.symbol(*k.T)
+    factor, shape = modes.factors(symbol, 0.1, 2), modes.phases(k, places)
+    both, polar = np.repeat(np.arange(40), 2), np.tile(np.eye(2), (40, 1))
+    for one, two in (
+        (modes.fit(shape, factor, 2), modes.fit(shape[both], factor[both], 2, polar=polar)),
+        (
+            modes.fit_operator(shape, factor, symbol, 0, 0.1, 2, 1.0, 0.1),
+            modes.fit_operator(shape[both], factor[both], symbol[both], 0, 0.1, 2, 1.0, 0.1, polar),
+        ),
+    ):
+        expected = one.weights[:, :, None, None] * np.eye(2)
+        np.testing.assert_allclose(two.weights.reshape(expected.shape), expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_what_solids_reflect_at_normal_incidence(name):
+    """P and S pulses in a strip, halved on their way to both ends: what remains, against the half that arrives."""
+    model = SOLIDS[name]
+    for component, speed, bound in ((0, model.p_speed, 0.05), (1, model.s_speed, 0.02)):  # measured: 0.035 and 0.01
+        start = ["0*x", "0*x"]
+        start[component] = "exp(-(x/4)**2)"
+        line, sides = fh.Lattice(1.0, (-20.0, 0.0), (20.0, 9.0)), {"x": fh.PlaneWave(), "y": fh.Periodic()}
+        sim = fh.Simulation(line, model, sides, {"u": start})
+        sim.run(until=40.0 / speed, progress=False)
+        assert np.abs(sim.fields["u"]).max() < bound * 0.5
+
+
+@pytest.mark.parametrize("window", [False, True])
+@pytest.mark.parametrize("name", ["bonds", "nearly incompressible"])
+def test_solids_beside_the_infinite_lattice_and_other_sides(name, window):
+    """What the page on these conditions says of a pulse three nodes wide in 33 nodes; a free edge reflects more, a
+    lattice PML of eight nodes less.
+    """
+    model = SOLIDS[name]
+    lattice = fh.Lattice(1.0, window=fh.Disc(16.0)) if window else fh.Lattice(1.0, (-16.0,) * 2, (16.0,) * 2)
+    shove = {"u": ["exp(-((x - 3)**2 + (y + 2)**2)/9)", "0*x"]}
+    times, wide = (20.0, 30.0, 40.0), fh.Lattice(1.0, (-60.0,) * 2, (60.0,) * 2)
+    infinite = fh.Simulation(wide, model, fh.Fixed(), shove)
+    sides = {"fitted": fh.PlaneWave(), "layer": fh.LatticePML(nodes=8)} | ({} if window else {"free": fh.Free()})
+    runs = {what: fh.Simulation(lattice, model, side, shove, dt=infinite.dt) for what, side in sides.items()}
+    errors = dict.fromkeys(runs, 0.0)
+    for t in times:
+        infinite.step(round(t / infinite.dt) - infinite.step_count)
+        reach = lattice.shape[0] // 2
+        exact = infinite.fields["u"][:, 60 - reach : 61 + reach, 60 - reach : 61 + reach]
+        for what, sim in runs.items():
+            sim.step(infinite.step_count - sim.step_count)
+            errors[what] = max(errors[what], float(np.nanmax(np.abs(sim.fields["u"] - exact))))
+    assert errors["layer"] < errors["fitted"] < 0.03
+    assert window or errors["fitted"] < errors["free"] / 5
+
+
+@pytest.mark.parametrize("name", ["bonds", "states", "nearly incompressible"])
+def test_solids_are_certified_where_they_are_damped(name):
+    """The damping that the advice about growth names."""
+    given, lattice = SOLIDS[name], fh.Lattice(1.0, (-10.0,) * 2, (10.0,) * 2)
+    more = {} if given.material == "bond-based" else {"poisson": given.poisson, "material": given.material}
+    damped = fh.Elastic(fh.Kernel(2.0), young=1.0, damping=0.15 * given.p_speed / 20, **more)
+    assert fh.Simulation(lattice, damped, fh.PlaneWave(), SHOVE).certificate().verdict == "certified"
+
+
+def test_solids_that_conditions_do_not_close():
+    cube = fh.Lattice(1.0, (-6.0,) * 3, (6.0,) * 3)
+    with pytest.raises(fh.InputError, match=r"in the plane; value: .* in 3 dimensions"):
+        fh.Simulation(cube, SOLIDS["bonds"], fh.PlaneWave())
+    with pytest.raises(fh.InputError, match="conditions for scalar waves are tuned"):
+        fh.tuned(fh.Simulation(SQUARE, SOLIDS["bonds"], fh.PlaneWave(), SHOVE))

@@ -486,6 +486,11 @@ SIMULATIONS = {
     "background": ({"background": 1.0}, "background of a vector field"),
     "fixed value": ({"boundary": fh.Fixed(2.0)}, "has no such side"),
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
+    "breaking": (
+        {"boundary": fh.PlaneWave(), "model": fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=0.1)},
+        "serves linear elastic media in the plane.*nonlinear or break",
+    ),
+    "local": ({"boundary": fh.PlaneWave(dispersion="local")}, "the dispersion relation of its lattice only"),
     "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "needs one entry per component"),
     "condition of heat": ({"constraints": [fh.Insulated("x-")]}, "for scalar fields"),
     "free sides of elements": (

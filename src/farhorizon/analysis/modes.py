@@ -18,6 +18,7 @@ from farhorizon.errors import InputError
 # largest exponent of a mode within a cloud or a step: beyond 709 the mode overflows, beyond about half of that its
 # square
 _OVERFLOW = 300.0
+_ODD = 1e-12  # rounding of the imaginary part, which is that of weights that are not symmetric
 _NODES = 1_000_000  # products of modes and offsets in memory at once
 
 
@@ -97,6 +98,27 @@ def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> 
         return np.concatenate(
             [2 * np.sin(k[i : i + rows] @ offsets.T / 2) ** 2 @ weights for i in range(0, len(k), rows)]
         )
+
+
+def polarised(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Symbols and polarisations of a field of several components: eigenvalues and eigenvectors of the matrix
+    ``sum_j w_j (1 - exp(i k.x_j))``.
+
+    Parameters
+    ----------
+    k : ndarray, shape (M, dim)
+    offsets, weights : ndarray, shapes (J, dim) and (J, d, d)
+        As in `discrete_symbol`.
+
+    Returns
+    -------
+    symbol, polar : ndarray, shapes (M d,) and (M d, d)
+        Those of one wavevector one after the other.
+    """
+    phase = k @ offsets.T
+    matrix = np.tensordot(2 * np.sin(phase / 2) ** 2 - 1j * np.sin(phase), weights, 1)
+    values, vectors = np.linalg.eigh(matrix if np.abs(matrix.imag).max() > _ODD * np.abs(matrix).max() else matrix.real)
+    return np.maximum(values, 0.0).ravel(), np.swapaxes(vectors, 1, 2).reshape(-1, weights.shape[1])
 
 
 def series_symbol(k: np.ndarray, coefficient: float, horizon: float, terms: np.ndarray) -> np.ndarray:
@@ -181,8 +203,9 @@ class Fit(NamedTuple):
 
     Attributes
     ----------
-    weights : ndarray, shape (levels, J)
-        For the present step and earlier ones.
+    weights : ndarray, shape (levels, J), or (levels, J d, d) for a field of d components
+        For the present step and earlier ones; for each component at the centre, the components of the nodes, node by
+        node.
     condition : float
         Condition number of what was inverted: without the singular values that are cut off, and with regularisation.
     """
@@ -192,7 +215,13 @@ class Fit(NamedTuple):
 
 
 def fit(
-    modes: np.ndarray, factor: np.ndarray, levels: int, *, regularization: float | None = None, rcond: float = 1e-12
+    modes: np.ndarray,
+    factor: np.ndarray,
+    levels: int,
+    *,
+    regularization: float | None = None,
+    rcond: float = 1e-12,
+    polar: np.ndarray | None = None,
 ) -> Fit:
     """Weights that give the next value at a cloud's centre from the values of the cloud at the present and earlier
     steps, fitted to modes.
@@ -210,10 +239,20 @@ def fit(
     regularization : float, optional
         Parameter of Tikhonov's method, relative to the largest singular value. Without it, singular values below
         `rcond` times the largest are cut off.
+    polar : ndarray, shape (M, d), optional
+        Polarisations of the modes of a field of d components.
     """
+    modes, unit = _of_components(modes, polar)
     matrix = np.concatenate([modes * factor[:, None] ** -float(level) for level in range(levels)], axis=1)
-    weights, condition = _solve(matrix, factor, regularization, rcond)
-    return Fit(weights.reshape(levels, -1), condition)
+    weights, condition = _solve(matrix, (factor * unit.T).T, regularization, rcond)
+    return Fit(weights.reshape(levels, -1, *unit.shape[1:]), condition)
+
+
+def _of_components(modes: np.ndarray, polar: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Modes at the components of all nodes, shape (M, J d), and at the centre: 1, or the polarisations."""
+    if polar is None:
+        return modes, np.ones(len(modes))
+    return (modes[:, :, None] * polar[:, None]).reshape(len(modes), -1), polar
 
 
 def fit_operator(
@@ -225,6 +264,7 @@ def fit_operator(
     order: int,
     rate: float,
     regularization: float,
+    polar: np.ndarray | None = None,
 ) -> Fit:
     """As `fit`, but fitted to the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which
     has a limit as dt goes to 0.
@@ -234,11 +274,11 @@ def fit_operator(
 
     Parameters
     ----------
-    modes, factor
+    modes, factor, polar
         As in `fit`.
     symbol : ndarray, shape (M,)
     centre : int
-        Index of the centre among the columns.
+        Index of the centre among the nodes.
     dt : float
     order : {1, 2}
     rate : float
@@ -246,21 +286,25 @@ def fit_operator(
     regularization : float
         Parameter of Tikhonov's method, absolute, in those units.
     """
+    modes, unit = _of_components(modes, polar)
     weight = (np.abs(symbol) / rate + _LOWEST) ** -1.5
     if order == 1:
-        wanted = (factor - 1) / (dt * rate)
-        a, condition = _solve(weight[:, None] * modes, weight * wanted, regularization, 0.0, absolute=True)
+        wanted = ((factor - 1) / (dt * rate) * weight * unit.T).T
+        a, condition = _solve(weight[:, None] * modes, wanted, regularization, 0.0, absolute=True)
         update = dt * rate * a[None]
     else:
         speed = np.sqrt(rate)
         change = (1 - 1 / factor) / (dt * speed)
-        wanted = (factor - 2 + 1 / factor) / (dt**2 * rate)
+        wanted = ((factor - 2 + 1 / factor) / (dt**2 * rate) * weight * unit.T).T
         matrix = np.concatenate([modes, modes * change[:, None]], axis=1) * weight[:, None]
-        unknowns, condition = _solve(matrix, wanted * weight, regularization, 0.0, absolute=True)
-        a, b = unknowns.reshape(2, -1)
+        unknowns, condition = _solve(matrix, wanted, regularization, 0.0, absolute=True)
+        a, b = unknowns.reshape(2, -1, *unit.shape[1:])
         update = np.array([dt**2 * rate * a + dt * speed * b, -dt * speed * b])
-        update[1, centre] -= 1
-    update[0, centre] += order
+    count = 1 if polar is None else polar.shape[1]
+    own = slice(centre * count, (centre + 1) * count)
+    itself = np.ones(1) if polar is None else np.eye(count)
+    update[0, own] += order * itself
+    update[1:, own] -= itself
     return Fit(update, condition)
 
 
@@ -285,4 +329,4 @@ def _solve(
         inverse = values / (values**2 + added)
         with np.errstate(divide="ignore"):
             condition = np.sqrt((values[0] ** 2 + added) / (values[-1] ** 2 + added))
-    return right.T @ (inverse * part), float(condition)
+    return right.T @ (inverse * part.T).T, float(condition)

@@ -42,7 +42,7 @@ class Medium:
     dt : float
     damping : float
         d in ``2 d u_t``.
-    offsets, weights : ndarray, shapes (J, dim) and (J,)
+    offsets, weights : ndarray, shapes (J, dim) and (J,), or (J, d, d) for a field of d components
         Bonds as vectors and their weights in units of the operator, if the dispersion relation is that of a stencil.
     horizon : float
     series : tuple of float
@@ -58,6 +58,11 @@ class Medium:
     horizon: float = 0.0
     series: tuple[float, ...] = ()
 
+    @property
+    def components(self) -> int:
+        """Number of components of the field."""
+        return 1 if self.weights.ndim == 1 else self.weights.shape[1]
+
     @cached_property
     def _long(self) -> float:
         """Coefficient of long waves on the lattice, if there is one: for a kernel that is not calibrated it differs
@@ -67,7 +72,11 @@ class Medium:
 
     @cached_property
     def square(self) -> bool:
-        """Whether mirror images along the axes, and an exchange of axes, leave the bonds as they are."""
+        """Whether mirror images along the axes, and an exchange of axes, leave the bonds as they are; not for a field
+        of several components, which they exchange.
+        """
+        if self.components > 1:
+            return False
         known = {tuple(o): w for o, w in zip(np.round(self.offsets, 9).tolist(), self.weights.tolist(), strict=True)}
         return all(
             abs(known.get(tuple(float(s * o[a]) for s, a in zip(signs, axes, strict=True)), np.inf) - w)
@@ -105,6 +114,26 @@ class Medium:
             )
         return modes.series_symbol(k, self._long, self.horizon, np.array(self.series[:terms]))
 
+    def waves(self, k: np.ndarray, dispersion: str) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return the waves of wavevectors (M, dim): the wavevector and the symbol of each, and for a field of d
+        components the polarisation, shape (M d, d).
+
+        Raises
+        ------
+        InputError
+            As in `symbol`; for several components, any dispersion relation but that of the lattice.
+        """
+        if self.components == 1:
+            return k, self.symbol(k, dispersion), None
+        if dispersion != "discrete":
+            raise InputError(
+                "a field of several components has the dispersion relation of its lattice only",
+                value=dispersion,
+                limit="discrete",
+                key="boundary.dispersion",
+            )
+        return np.repeat(k, self.components, axis=0), *modes.polarised(k, self.offsets, self.weights)
+
 
 class Closing(Side, ABC):
     """Condition that closes an outline: it determines the values of the halo from nodes of the near field."""
@@ -131,7 +160,8 @@ class Closing(Side, ABC):
     @abstractmethod
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
         """Return the rows for the halo nodes (positions in the fringe) over the new level and earlier ones, shape (H, L
-        S).
+        S); for a field of d components those of the first component come first, in rows and in each level, shape (d H,
+        L d S).
         """
 
 
@@ -338,7 +368,7 @@ class Closure:
     halo, outside : ndarray of bool
         Nodes of the grid that are set, and those beyond, which do not exist.
     fringe : OutlineNodes
-    update : csr_array, shape (H, L S)
+    update : csr_array, shape (H, L S), or (d H, L d S)
         Matrix that yields the new values of the halo from the fringe at the new step and at L - 1 earlier ones.
 
     Raises
@@ -359,20 +389,21 @@ class Closure:
         parts = {
             key: outline.sides[key].update(self.fringe, places, medium) for key, places in self.fringe.owners().items()
         }
-        self.levels = max(part.shape[1] for part in parts.values()) // len(self.fringe.points)
-        rows = np.concatenate([self.fringe.owners()[key] for key in parts])
-        found = sparse.vstack(
-            [_widened(part, self.levels * len(self.fringe.points)) for part in parts.values()]
-        ).tocsr()
-        self._order, self._fronts = ordered_fronts(found, rows, len(self.fringe.points))
+        size = medium.components * len(self.fringe.points)
+        self.levels = max(part.shape[1] for part in parts.values()) // size
+        first = len(self.fringe.points) * np.arange(medium.components)[:, None]
+        rows = np.concatenate([(self.fringe.owners()[key] + first).ravel() for key in parts])
+        found = sparse.vstack([_widened(part, self.levels * size) for part in parts.values()]).tocsr()
+        self._order, self._fronts = ordered_fronts(found, rows, size)
         self.rows, self.update = rows[self._order], found[self._order]
 
     def attach(self, engine: Engine, indices: np.ndarray) -> None:
         """Pass the sparse update to the engine; `indices` are the places of the grid's nodes in a level."""
-        self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
-        self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
+        self.engine, self.nodes = engine, engine.all_components(indices[tuple(self.fringe.index.T)])
+        outside = engine.all_components(indices[self.outside])
+        self.unmoved = np.concatenate([engine.all_components(indices[self.halo]), outside])
         found = self.update.indptr, self.update.indices, self.update.data
-        sums = fringe_table(self.nodes, self.levels, self._fronts, self.rows, *found, indices[self.outside])
+        sums = fringe_table(self.nodes, self.levels, self._fronts, self.rows, *found, outside)
         engine.replace(fringe=sums)
 
     def start(self) -> None:

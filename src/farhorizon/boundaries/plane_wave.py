@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -61,6 +61,9 @@ class PlaneWave(Closing):
     take, for waves, an operator fit whose regularisation keeps it stable in damped media; for diffusion the published
     collocation with wavenumbers on the scale of the near field. `check --tune` searches for sharper settings.
 
+    In elastic media in the plane the modes are the P and S waves of the lattice: eigenvectors of the matrix symbol. The
+    fit is regularised more strongly, for it grows otherwise, and is accurate to about 1e-2.
+
     Parameters
     ----------
     fit : {"operator", "collocation"}, optional
@@ -74,8 +77,9 @@ class PlaneWave(Closing):
         Thickness of the fringe of fitted nodes; as far as the stencil reaches unless given. Beyond a thinner fringe
         bonds are absent.
     radius : float, optional
-        Radius of a cloud. Waves: the reach of the stencil, at least two spacings. One spacing for diffusion and for
-        wide stencils for waves in 1D, one and a half among points without a lattice: wider clouds lead to growth there.
+        Radius of a cloud. Waves: the reach of the stencil, at least two spacings; in elastic media two. One spacing for
+        diffusion and for wide stencils for waves in 1D, one and a half among points without a lattice: wider clouds
+        lead to growth there.
     cone : float, optional
         Half the opening angle of a cloud about the inward normal, in degrees: 45 for waves, 180 (a complete ball) for
         diffusion.
@@ -87,20 +91,20 @@ class PlaneWave(Closing):
         of one direction identical and symmetric, or leave them as they are. "lattice" for waves on a lattice, otherwise
         "free".
     angle : float, optional
-        Largest angle between modes and normal, in degrees: 30 (operator fit), otherwise 45.
+        Largest angle between modes and normal, in degrees: 30 (operator fit; in elastic media 15), otherwise 45.
     angles : int
         Number of directions from -angle to angle; in 3D rings about the normal.
     wavenumber : float, optional
-        Largest wavenumber: 1 divided by the spacing for the operator fit, 1/4 for other waves; diffusion: 6 divided
-        by half the extent of the nodes, at most 1/10 divided by the spacing.
+        Largest wavenumber: 1 (in elastic media 1.5) divided by the spacing for the operator fit, 1/4 for other waves;
+        diffusion: 6 divided by half the extent of the nodes, at most 1/10 divided by the spacing.
     wavenumbers : int, optional
         Number of wavenumbers, evenly spaced starting at `smallest`: 10 for the operator fit, otherwise 5.
     smallest : float, optional
         Smallest wavenumber; a fortieth of the largest for the operator fit, otherwise the interval between wavenumbers.
     regularization : float, optional
         Tikhonov regularisation parameter; collocation uses the pseudo-inverse unless it is given. The operator fit uses
-        1, the order of its unknowns: they are fitted as far as the modes determine them. Below 1e-4 it merely
-        suppresses rounding errors: the fit reflects a fifth as much, and grows in most set-ups.
+        1, the order of its unknowns: they are fitted as far as the modes determine them; in elastic media 3. Below 1e-4
+        it merely suppresses rounding errors: the fit reflects a fifth as much, and grows in most set-ups.
     rcond : float
         Singular values below this fraction of the largest are cut off by the pseudo-inverse. 1e-12 unless given: the
         condition number of what is inverted then stays within the range that Hermann et al. (2023), remark 1,
@@ -140,6 +144,8 @@ class PlaneWave(Closing):
     rcond: float = 1 / _CONDITION
     balanced: bool = True
 
+    vectors: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         takes: dict[str, Callable[[Any, str], Any]] = {
             name: partial(kinds.one_of, known=known, message="unknown choice") for name, known in _CHOICES.items()
@@ -174,9 +180,11 @@ class PlaneWave(Closing):
         reach = float(np.abs(medium.offsets).max(initial=0.0))
         flat = lattice and medium.offsets.shape[1] == 1
         narrow = not waves or (flat and reach > 1.5 * spacing)
-        radius = self.radius or (spacing if narrow else max(reach, 2 * spacing) if lattice else 1.5 * spacing)
+        solid = medium.components > 1
+        wide = 2 * spacing if solid else max(reach, 2 * spacing)
+        radius = self.radius or (spacing if narrow else wide if lattice else 1.5 * spacing)
         largest = self.wavenumber or (
-            1 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing)
+            (1.5 if solid else 1) / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing)
         )
         count = self.wavenumbers or (10 if operator else 5)
         smallest = self.smallest or (largest / 40 if operator else largest / count)
@@ -189,11 +197,11 @@ class PlaneWave(Closing):
             thin=self.thin
             or (max(1, int(np.ceil(radius / spacing / 3 - 1e-9))) if waves and not operator and not flat else 1),
             snapped=(self.normals or ("lattice" if waves and lattice else "free")) == "lattice",
-            angle=np.radians((30.0 if operator else 45.0) if self.angle is None else self.angle),
+            angle=np.radians((15.0 if solid else 30.0 if operator else 45.0) if self.angle is None else self.angle),
             angles=self.angles,
             balanced=self.balanced,
             wavenumbers=np.linspace(smallest, largest, count),
-            regularization=1.0 if operator and self.regularization is None else self.regularization,
+            regularization=(3.0 if solid else 1.0) if operator and self.regularization is None else self.regularization,
             rcond=self.rcond,
         )
 
@@ -214,16 +222,15 @@ class PlaneWave(Closing):
         points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
         recipe = self.recipe(medium, fringe.spacing, fringe.extent)
         matrix, condition = _fitted_rows(points, halo, fringe.normals[halo], medium, recipe, fringe.spacing)
+        count, size = medium.components, len(fringe.points)
         fringe.remarks.append(
             f"condition number at most {condition:.1e}, norm of V at most {np.abs(matrix.data).max():.3g} "
             f"(remark 1: {_CONDITION:g} and {_NORM:g})"
         )
         found = matrix.tocoo()
-        level, column = np.divmod(found.col, len(points))
-        shape = (len(halo), (medium.order + 1) * len(fringe.points))
-        return sparse.csr_array(
-            (found.data, (found.row, (level + 1) * len(fringe.points) + places[column])), shape=shape
-        )
+        part, column = np.divmod(found.col, len(points))  # of each level, then of each component
+        shape = (count * len(halo), (medium.order + 1) * count * size)
+        return sparse.csr_array((found.data, (found.row, (part + count) * size + places[column])), shape=shape)
 
 
 def update_matrix(
@@ -283,7 +290,9 @@ def update_matrix(
 def _fitted_rows(
     points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray, medium: Medium, recipe: Recipe, spacing: float
 ) -> tuple[sparse.csr_array, float]:
-    """Return the matrix of `update_matrix`, and the largest condition number of a fit."""
+    """Return the matrix of `update_matrix`, and the largest condition number of a fit; for a field of d components
+    those of the first one come first, shape (d A, order d N).
+    """
     units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if recipe.snapped:
         units = _snapped(units)
@@ -292,7 +301,7 @@ def _fitted_rows(
     # in the plane the modes are a mirror image of themselves
     alike = points.shape[1] == 2 and medium.square
     known: dict[tuple[bytes, bytes], modes.Fit] = {}
-    rows, columns, weights = [], [], []
+    rows, columns, weights, count = [], [], [], medium.components
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
         members = np.array(found)
         # + 0: no negative zeros, because equal clouds are recognised by their bytes
@@ -313,10 +322,12 @@ def _fitted_rows(
         if key not in known:
             known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(turned), spacing * steps)
         for level, values in enumerate(known[key].weights):
-            rows.append(np.full(chosen.size, number))
-            columns.append(level * len(points) + members[chosen])
-            weights.append(values)
-    shape = (absorbing.size, medium.order * len(points))
+            table = values.reshape(chosen.size, count, count)
+            for own, other in np.ndindex(count, count):
+                rows.append(np.full(chosen.size, own * absorbing.size + number))
+                columns.append((level * count + other) * len(points) + members[chosen])
+                weights.append(table[:, other, own])
+    shape = (count * absorbing.size, medium.order * count * len(points))
     matrix = sparse.csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
     return matrix, max(fit.condition for fit in known.values())
 
@@ -363,15 +374,17 @@ def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
 
 def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> modes.Fit:
     """Return the fit of a cloud's nodes to wavevectors k."""
-    symbol = medium.symbol(k, recipe.dispersion)
+    k, symbol, polar = medium.waves(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
     shape = modes.phases(k, places)
     if not recipe.operator:
-        return modes.fit(shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
+        return modes.fit(
+            shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond, polar=polar
+        )
     centre = int(np.argmin(np.abs(places).sum(1)))
     rate = medium.coefficient / spacing**2
     return modes.fit_operator(
-        shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0
+        shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0, polar
     )
 
 

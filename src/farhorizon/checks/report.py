@@ -725,7 +725,8 @@ def _remedy(sim: Examined, backward: BackwardWaves) -> str:
             else ""
         )
         calmer = {boundary.calmer() for boundary in sim.sides.values() if boundary.closing} - {""}
-        others = ["Higdon(angles=(0, 45))", "settings that 'check --tune' finds", "or a LatticePML"]
+        scalar = ["Higdon(angles=(0, 45))", "settings that 'check --tune' finds"]
+        others = [*(scalar if sim.stencil.components == 1 else []), "or a LatticePML"]
         return f"Use {', '.join([*sorted(calmer), *others])}.{few}"
     other = "Exact ends, or " if sim.lattice.dim == 1 else ""
     if not backward:

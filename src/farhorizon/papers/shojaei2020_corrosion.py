@@ -419,8 +419,8 @@ def _compared(
         Comparison(
             figures[2],
             "an energy that falls all the time, and without a condition differs from the reference",
-            f"one that {'falls' if falls else 'also rises'} {end} and differs by {100 * change[best]:.1g} % of the initial "
-            f"energy, without a condition by {100 * change[_WALLS]:.2g} %",
+            f"one that {'falls' if falls else 'also rises'} {end} and differs by {100 * change[best]:.1g} % of the "
+            f"initial energy, without a condition by {100 * change[_WALLS]:.2g} %",
             falls and change[best] < change[_WALLS] / 2,
         ),
     ]

@@ -26,6 +26,8 @@ def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closu
     if not closing:
         return None
     lattice, model, stencil, factor = near.lattice, near.model, near.stencil, near.factor
+    if stencil.components > 1:
+        _check_solid(near)
     dx = lattice.spacing
     shape = grid.engine.core.nodes[grid.lead :]
     inside = np.zeros(shape, bool)
@@ -42,7 +44,7 @@ def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closu
     )
     first = 0 if near.closed is None else tuple(np.argwhere(near.closed)[0])
     scale = 1.0 if factor is None else float(factor[first].flat[0])
-    kernel = model.operator if isinstance(model.operator, Kernel) else None
+    kernel = given if isinstance(given := getattr(model, "operator", None), Kernel) else None
     medium = Medium(
         model.order,
         model.coefficient * scale,
@@ -57,6 +59,20 @@ def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closu
     closure.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
     _check_fringe(closure, near, grid, solid)
     return closure
+
+
+def _check_solid(near: NearField) -> None:
+    """Refuse fields of several components whose waves a condition along the outline does not know."""
+    model, dim = near.model, near.lattice.dim
+    law = model.bond_law is not None
+    if dim != 2 or near.stencil.components != dim or law:
+        raise InputError(
+            "a condition along the outline serves linear elastic media in the plane",
+            value=f"{model.title} in {dim} dimensions" + " with bonds that are nonlinear or break" * law,
+            limit="two dimensions, two components, linear bonds",
+            key="boundary",
+            remedy="LatticePML",
+        )
 
 
 def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarray) -> None:

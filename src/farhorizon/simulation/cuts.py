@@ -117,7 +117,7 @@ class CutBonds:
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
             other = near + int(offset @ np.array(block.stride))
             lost = ~exists[other]
-            rows.append((near[lost], other[lost], np.full(int(lost.sum()), weight)))
+            rows.append((near[lost], other[lost], np.repeat(np.asarray(weight)[None], int(lost.sum()), axis=0)))
         return rows
 
     def _crossed(self, cut: Cut) -> list[Key]:

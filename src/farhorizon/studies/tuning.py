@@ -117,7 +117,8 @@ def tuned(
     Raises
     ------
     InputError
-        Another boundary, diffusion, numbers out of range, or no candidate that can be certified in this time.
+        Another boundary, diffusion, a field of several components, numbers out of range, or no candidate that can be
+        certified in this time.
 
     Examples
     --------
@@ -136,6 +137,14 @@ def tuned(
             "waves that one PlaneWave or Higdon closes are tuned",
             value=", ".join(type(b).__name__ for b in sim.sides.values()),
             key="boundary",
+        )
+    if sim.stencil.components > 1:
+        raise InputError(
+            "conditions for scalar waves are tuned",
+            value=sim.model.title,
+            key="model",
+            limit="one component",
+            remedy="a LatticePML, or damping for the default PlaneWave()",
         )
     if band is not None and not 0 < kinds.array(band, "band", shape=(2,))[0] <= band[1]:
         raise InputError(
