@@ -18,7 +18,6 @@ from skfem import Basis, BilinearForm, ElementTriP1, MeshTri
 from skfem.helpers import dot, grad
 
 import farhorizon as fh
-from farhorizon.boundaries.plane_wave import Medium, update_matrix
 
 WIDE, NEAR, HOLE = 3.0, 1.0, (0.35, 0.0, 0.2)  # radii of the meshes; position and radius of the hole
 PULSE, WIDTH = (-0.35, 0.1), 0.12
@@ -58,7 +57,9 @@ STEP = 0.004  # an eighth of the step limit
 def run(triangles, rim="free"):
     """Fields at `TIMES` by velocity Verlet from rest; the outer rim is "free", "fixed" or one of `CLOSED`."""
     points, outer, a = triangles.p.T, outer_nodes(triangles), operator(triangles)
-    closing = update_matrix(points, outer, points[outer], Medium(2, 1.0, STEP), CLOSED[rim]) if rim in CLOSED else None
+    closing = (
+        fh.update_matrix(points, outer, points[outer], fh.Medium(2, 1.0, STEP), CLOSED[rim]) if rim in CLOSED else None
+    )
     u = np.exp(-((points[:, 0] - PULSE[0]) ** 2 + (points[:, 1] - PULSE[1]) ** 2) / WIDTH**2)
     before = u + STEP**2 / 2 * (a @ u)
     found, steps = [], 0

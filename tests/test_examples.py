@@ -154,6 +154,24 @@ def test_mesh_closed_by_plane_waves():
     assert (10 * errors["plane waves, wide clouds"] < rims).all()
 
 
+def test_disc_of_quadrilaterals():
+    """The elements cover the disc; the error of the condition, which no finer mesh reduces, is less than half of that
+    of a fixed or an insulated circle.
+    """
+    example = script("disc_of_quadrilaterals")
+    mesh = example["disc"](8)
+    x, y = mesh.p[:, mesh.t]
+    area = 0.5 * sum(x[i] * y[(i + 1) % 4] - x[(i + 1) % 4] * y[i] for i in range(4))
+    assert (area > 0).all() and area.sum() == pytest.approx(np.pi, rel=0.01)  # of a polygon of 32 corners: 0.6 %
+    assert np.allclose(np.hypot(*mesh.p[:, mesh.boundary_nodes()]), 1.0)
+    coarse, fine, fixed, insulated = (
+        np.array(example["errors"](count, rim))
+        for count, rim in ((8, "fitted"), (16, "fitted"), (8, "fixed"), (8, "insulated"))
+    )
+    assert (2 * coarse < np.minimum(fixed, insulated)).all()
+    np.testing.assert_allclose(fine, coarse, rtol=0.1)
+
+
 def test_indentation():
     """A weak pressure breaks no bonds at the notches, a strong one does; the shares add up to the work."""
     example = script("indentation")

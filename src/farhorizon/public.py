@@ -16,6 +16,8 @@ from farhorizon.boundaries import Periodic as Periodic
 from farhorizon.boundaries import PlaneWave as PlaneWave
 from farhorizon.boundaries import Side as Side
 from farhorizon.boundaries import Sponge as Sponge
+from farhorizon.boundaries.outline import Medium as Medium
+from farhorizon.boundaries.plane_wave import update_matrix as update_matrix
 from farhorizon.checks.certificate import Certificate as Certificate
 from farhorizon.errors import FarhorizonError as FarhorizonError
 from farhorizon.errors import FileFormatError as FileFormatError

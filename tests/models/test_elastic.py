@@ -488,7 +488,7 @@ SIMULATIONS = {
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
     "breaking": (
         {"boundary": fh.PlaneWave(), "model": fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=0.1)},
-        "serves linear elastic media in the plane.*nonlinear or break",
+        "serves linear elastic media in the plane.*nonlinear, break",
     ),
     "local": ({"boundary": fh.PlaneWave(dispersion="local")}, "the dispersion relation of its lattice only"),
     "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "needs one entry per component"),

@@ -33,7 +33,7 @@ _SMOOTHING = 3.0  # nodes over which the outline of a general shape is smoothed 
 class Medium:
     """Homogeneous medium beyond the nodes, and its time integration.
 
-    Attributes
+    Parameters
     ----------
     order : {1, 2}
         Diffusion by forward Euler, or waves by velocity Verlet.
@@ -47,6 +47,12 @@ class Medium:
     horizon : float
     series : tuple of float
         Coefficients of the kernel's dispersion relation in powers of (k horizon)^2, see `Kernel.series`.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Medium(order=1, coefficient=2.0, dt=0.001).components  # diffusion on a mesh
+    1
     """
 
     order: int

@@ -274,6 +274,16 @@ def update_matrix(
     InputError
         If points and normals do not match, a cloud has no neighbours, absorbing nodes do not enclose the others, or
         modes overflow.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> line = np.linspace(-1, 1, 41)[:, None]
+    >>> ends, outwards = np.array([0, 40]), np.array([[-1.0], [1.0]])
+    >>> matrix = fh.update_matrix(line, ends, outwards, fh.Medium(order=2, coefficient=1.0, dt=0.01))
+    >>> matrix.shape  # new[ends] = matrix @ concatenate([u, u_before])
+    (2, 82)
     """
     points, absorbing, normals = np.asarray(points, float), np.asarray(absorbing, int), np.asarray(normals, float)
     _check_points(points, absorbing, normals)

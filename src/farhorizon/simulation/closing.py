@@ -68,7 +68,7 @@ def _check_solid(near: NearField) -> None:
     if dim != 2 or near.stencil.components != dim or law:
         raise InputError(
             "a condition along the outline serves linear elastic media in the plane",
-            value=f"{model.title} in {dim} dimensions" + " with bonds that are nonlinear or break" * law,
+            value=f"{model.title} in {dim} dimensions" + " with bonds that are nonlinear, break or are heated" * law,
             limit="two dimensions, two components, linear bonds",
             key="boundary",
             remedy="LatticePML",
