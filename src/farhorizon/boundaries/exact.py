@@ -172,8 +172,10 @@ class ExactEnds:
         recursion: Recursion,
         nodes: np.ndarray,
     ) -> None:
-        self.engine, self.names, self.boundaries, self.nodes = engine, list(names), list(boundaries), nodes
+        self.engine, self.names, self.nodes = engine, list(names), nodes
         self.weights, self.masses = list(weights), list(masses)
+        # of a sum of exponentials; none where the past is convolved, as it is where the medium drifts
+        self.tolerances = [b.compress if w.ndim == 1 else None for b, w in zip(boundaries, weights, strict=True)]
         self.recursion, self.steps = recursion, 0
         engine.set_ends(ends_table(nodes, recursion.first))
         self.sums: list[ExponentialSum | None] = [None] * len(self.names)
@@ -188,8 +190,8 @@ class ExactEnds:
     def convolved(self) -> bool:
         """Whether the entire past is stored at every end."""
         return all(
-            b.compress is None or w.ndim > 1 or (self.steps > 0 and s is None)
-            for b, w, s in zip(self.boundaries, self.weights, self.sums, strict=True)
+            tolerance is None or (self.steps > 0 and s is None)
+            for tolerance, s in zip(self.tolerances, self.sums, strict=True)
         )
 
     def cover(self, last: int) -> None:
@@ -211,8 +213,8 @@ class ExactEnds:
         """Return the sum of an end, or None if its past is to be convolved: as requested, because the medium drifts, or
         because no sum meets the tolerance.
         """
-        tolerance = self.boundaries[end].compress
-        if tolerance is None or self.weights[end].ndim > 1:
+        tolerance = self.tolerances[end]
+        if tolerance is None:
             return None
         found = _compressed(_hashable(self.weights[end]), self.recursion, steps, _AIM * tolerance)
         return found if found.error <= tolerance else None
@@ -275,14 +277,10 @@ class ExactEnds:
 
     def describe(self, end: int, dt: float) -> str:
         """Describe the representation of an end, for the report."""
-        tolerance, found = self.boundaries[end].compress, self.sums[end]
+        tolerance, found = self.tolerances[end], self.sums[end]
         until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then recomputed"
         if not self.steps:
-            return (
-                "past convolved"
-                if tolerance is None or self.weights[end].ndim > 1
-                else f"past compressed to {tolerance:g} when the run begins"
-            )
+            return "past convolved" if tolerance is None else f"past compressed to {tolerance:g} when the run begins"
         if found is not None:
             return f"{found.modes} modes, error of the force <= {found.error:.2g}, {until}"
         return f"past convolved, exact to rounding, {until}"
@@ -290,9 +288,9 @@ class ExactEnds:
     def notes(self) -> list[str]:
         """Return notes about ends where no sum meets the tolerance."""
         missed = [
-            (name, b.compress)
-            for name, b, w, s in zip(self.names, self.boundaries, self.weights, self.sums, strict=True)
-            if b.compress is not None and w.ndim == 1 and s is None
+            (name, tolerance)
+            for name, tolerance, s in zip(self.names, self.tolerances, self.sums, strict=True)
+            if tolerance is not None and s is None
         ]
         return [
             f"no sum of exponentials meets the tolerance {c:g} at {name}: the past is convolved there"

@@ -62,6 +62,11 @@ class Stencil(Storable):
         node to node applies to the bonds and does not affect r. A symmetric matrix where the components are drawn back
         differently, as rotations of nodes are. That of a scalar may be negative, which is growth.
 
+    Attributes
+    ----------
+    drifting : bool
+        Whether weights at k and -k differ.
+
     Raises
     ------
     InputError
