@@ -16,6 +16,12 @@ TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 KERNEL = fh.Kernel(1.0)
 RECORD = {"points": [[0.0, 0.0], [1.0, 0.0]], "times": [0.0, 1.0], "u": [[0.0, 0.0], [0.0, 1.0]], "medium": 1.0}
 DISC = fh.Disc(1.0)
+
+
+def twice(u):
+    return 2 * u
+
+
 ODD = [
     None,
     "text",
@@ -283,6 +289,27 @@ RIGHT = {
         "jobs": 1,
         "executor": None,
         "progress": False,
+    },
+    "function": {"given": twice},
+    "Medium": {
+        "order": 2,
+        "coefficient": 1.0,
+        "dt": 0.01,
+        "damping": 0.0,
+        "offsets": [[1.0], [-1.0]],
+        "weights": [1.0, 1.0],
+        "horizon": 1.0,
+        "series": (-0.1,),
+    },
+    "update_matrix": {
+        "points": np.linspace(-1, 1, 41)[:, None],
+        "absorbing": [0, 40],
+        "normals": [[-1.0], [1.0]],
+        "medium": fh.Medium(2, 1.0, 0.01),
+        "condition": None,
+        "spacing": 0.05,
+        "extent": 1.0,
+        "enclosing": True,
     },
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }

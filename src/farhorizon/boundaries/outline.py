@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage, sparse
 
+from farhorizon import kinds
 from farhorizon.analysis import modes
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
@@ -48,6 +49,11 @@ class Medium:
     series : tuple of float
         Coefficients of the kernel's dispersion relation in powers of (k horizon)^2, see `Kernel.series`.
 
+    Raises
+    ------
+    InputError
+        Numbers out of range, offsets and weights that do not match.
+
     Examples
     --------
     >>> import farhorizon as fh
@@ -63,6 +69,27 @@ class Medium:
     weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
     horizon: float = 0.0
     series: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        offsets, weights = kinds.array(self.offsets, "medium.offsets"), kinds.array(self.weights, "medium.weights")
+        if offsets.ndim != 2 or weights.shape[:1] != offsets.shape[:1] or weights.ndim not in (1, 3):
+            raise InputError(
+                "bonds have offsets, and one weight each, or one square matrix",
+                value=(offsets.shape, weights.shape),
+                limit="(J, dim) and (J,) or (J, d, d)",
+                key="medium.weights",
+            )
+        kinds.settle(
+            self,
+            order=kinds.integer(self.order, "medium.order", least=1, most=2),
+            coefficient=kinds.number(self.coefficient, "medium.coefficient", above=0),
+            dt=kinds.number(self.dt, "medium.dt", above=0),
+            damping=kinds.number(self.damping, "medium.damping", least=0),
+            offsets=offsets,
+            weights=weights,
+            horizon=kinds.number(self.horizon, "medium.horizon", least=0),
+            series=tuple(kinds.array(self.series, "medium.series", shape=(None,)).tolist()),
+        )
 
     @property
     def components(self) -> int:

@@ -285,9 +285,18 @@ def update_matrix(
     >>> matrix.shape  # new[ends] = matrix @ concatenate([u, u_before])
     (2, 82)
     """
-    points, absorbing, normals = np.asarray(points, float), np.asarray(absorbing, int), np.asarray(normals, float)
+    points, normals = kinds.array(points, "points", finite=False), kinds.array(normals, "normals")
+    wanted = kinds.array(absorbing, "absorbing")
+    absorbing = np.clip(wanted, -1, 2**53).astype(np.int64)
+    if wanted.ndim != 1 or (wanted != absorbing).any():
+        raise InputError("absorbing nodes are numbers of points", value=wanted.tolist(), key="absorbing")
+    kinds.instance(medium, "medium", Medium, "a Medium")
+    if condition is not None:
+        kinds.instance(condition, "condition", PlaneWave, "a PlaneWave")
+    spacing = None if spacing is None else kinds.number(spacing, "spacing", above=0)
+    extent = None if extent is None else kinds.number(extent, "extent", above=0)
     _check_points(points, absorbing, normals)
-    if enclosing:
+    if kinds.flag(enclosing, "enclosing"):
         _check_enclosing(points, absorbing)
     if spacing is None:
         spacing = float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
