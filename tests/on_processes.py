@@ -61,6 +61,10 @@ def uneven(shape):
 
 #: Set-ups and the grids of boxes on which they are computed.
 CASES = {
+    "a source that depends on the field": (
+        plane(fh.Diffusion(KERNEL), fh.Free(), sources=["u*(1 - u)*(2 + x/9)"]),
+        ALONG_X + ALONG_Y,
+    ),
     "wave": (plane(), ALONG_Y),
     "single precision": (plane(dtype="float32"), ALONG_X),
     "layers that choose themselves": (plane(sides=fh.LatticePML(target=1e-4, until=20.0)), [None]),
@@ -734,7 +738,6 @@ def refused():
             SOLID, initial={}, loads=[fh.ThermalLoad("0.01*x", expansion=1.0, reference=0.0)], shape=(79, 81)
         ),
         "heat of deformation": lambda: plane(fh.Thermoelastic(SOLID, fh.Heat(KERNEL), 0.01, 300.0), initial={}),
-        "w(u)": lambda: plane(fh.Diffusion(KERNEL), fh.Free(), sources=["u*(1 - u)"]),
         "k(u)": lambda: plane(fh.Heat(KERNEL, conductivity="1 + u"), fh.Free()),
         "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),

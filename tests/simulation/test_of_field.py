@@ -349,6 +349,7 @@ def test_functions_that_are_not_there_or_fail(tmp_path, monkeypatch):
         ({"conductivity": fh.OfField(lambda u, x: u)}, {}, r"model.conductivity.*called with u"),
         ({}, {"sources": ["u*y"]}, r"source.*y"),
         ({}, {"sources": ["log(u - 2)"]}, r"source.*not finite.*value: nan where u = 0, at .*t = 0"),
+        ({}, {"sources": ["1/(u - 0.5)"]}, r"source.*not finite.*value: inf where u = 0.5"),
         ({"integrator": "rk4"}, {"sources": ["u"]}, r"model.integrator.*one stage.*forward Euler"),
         ({"density": "1 + u"}, {}, r"model.density"),
         (

@@ -327,7 +327,7 @@ def assembled(
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
     driving += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
-    of_the_field = field_drives(setup, near, sides, grid)
+    of_the_field = field_drives(setup, near, sides, grid, team)
     driving += [drive for _, drive in of_the_field]
     return Parts(
         near,

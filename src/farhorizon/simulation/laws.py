@@ -33,9 +33,9 @@ def of_field(setup: Any) -> bool:
     return bool(setup.model.follows) or any(isinstance(one, OfField) for one in setup.sources)
 
 
-def range_of(setup: Any) -> np.ndarray:
+def range_of(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [value]) -> np.ndarray:
     """Return values of the field from its smallest at the start to its largest, with the background and numbers that
-    conditions and sides prescribe.
+    conditions and sides prescribe; `gather` returns those of all processes, each of which has a part of the field.
     """
     initial = (setup.initial or {}).get("u")
     ends = [setup.background, *(side.held for side in setup.sides.values() if side.held is not None)]
@@ -43,9 +43,13 @@ def range_of(setup: Any) -> np.ndarray:
     given = [getattr(one, name, None) for one in held for name in ("value", "ambient")]
     ends += [float(one) for one in given if isinstance(one, Real)]
     if initial is not None:
-        values = field(initial, setup.lattice, 1, "initial.u")
+        lattice = setup.lattice
+        if isinstance(initial, np.ndarray) and initial.ndim and initial.shape == lattice.whole.shape:
+            initial = initial[lattice.within]
+        values = field(initial, lattice, 1, "initial.u")
         ends += [float(values.min()), float(values.max())]
-    return np.linspace(min(ends), max(ends), SAMPLES)
+    every = gather((min(ends), max(ends)))
+    return np.linspace(min(low for low, _ in every), max(high for _, high in every), SAMPLES)
 
 
 def livelier(setup: Any) -> float:
@@ -74,12 +78,14 @@ def livelier(setup: Any) -> float:
     return largest
 
 
-def steepest(setup: Any) -> float:
-    """Return the largest slope with which sources change with the field, at its values at the start (per mass)."""
+def steepest(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [value]) -> float:
+    """Return the largest slope with which sources change with the field, at its values at the start (per mass); see
+    `range_of`.
+    """
     lattice, largest = setup.lattice, 0.0
     if not any(isinstance(one, OfField) for one in setup.sources):
         return largest
-    values = range_of(setup)
+    values = range_of(setup, gather)
     if np.ptp(values) == 0:
         return largest
     for number, one in enumerate(setup.sources):
@@ -88,6 +94,8 @@ def steepest(setup: Any) -> float:
             for value in values:
                 now = law(np.full(lattice.shape, value), *lattice.coordinates())
                 if before is not None:
-                    largest = max(largest, float(np.abs(now - before).max(initial=0)) / (values[1] - values[0]))
+                    with np.errstate(invalid="ignore"):
+                        slope = np.abs(now - before) / (values[1] - values[0])
+                    largest = max(largest, float(slope.max(initial=0, where=np.isfinite(slope))))
                 before = now
-    return largest
+    return max(gather(largest))

@@ -354,7 +354,8 @@ def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer:
     conductivity = _conductivity(host.model, variation.stiffness)
     lost = losses(setup.constraints, part.lattice, team.gather, stencil, conductivity)
     leak = _leak(host.model, lost, variation.density)
-    return Extremes(_rate_limit(part, stencil, pace, team.largest(float(leak.max(initial=0))), stiffer), pace)
+    most = team.largest(float(leak.max(initial=0)))
+    return Extremes(_rate_limit(part, stencil, pace, most, stiffer, team), pace)
 
 
 def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, pace: Pace) -> float:
@@ -362,12 +363,12 @@ def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, pace: Pa
     return stencil.with_reaction(0.0).symbol_maximum * (unit * max(pace.fastest, 1e-300))
 
 
-def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer: float) -> float:
+def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer: float, team: Team = ALONE) -> float:
     """Return the largest rate of an operator, with closing bonds, reaction and leak."""
     unit = setup.model.coefficient / setup.lattice.spacing**2
     rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, pace) * stiffer
     rate += unit * pace.closing
-    rate += setup.model.source_factor * steepest(setup)
+    rate += setup.model.source_factor * steepest(setup, team.gather)
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 

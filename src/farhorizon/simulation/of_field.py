@@ -20,12 +20,13 @@ from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.laws import SAMPLES, law_of, of_field, range_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides, keys, side_name
+from farhorizon.simulation.team import ALONE, Team
 
 # points of Gauss's formula for the integral of a conductivity: exact for polynomials of degree 31
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
-def field_drives(setup: Setup, near: NearField, sides: Sides, grid: Grid) -> list[tuple[str, Any]]:
+def field_drives(setup: Setup, near: NearField, sides: Sides, grid: Grid, team: Team = ALONE) -> list[tuple[str, Any]]:
     """Return what drives a run that depends on its field: names, and drives that are to be evaluated at each step.
 
     Raises
@@ -38,11 +39,12 @@ def field_drives(setup: Setup, near: NearField, sides: Sides, grid: Grid) -> lis
         return []
     _check(setup, near)
     drives: list[tuple[str, Any]] = []
+    values = range_of(setup, team.gather)
     for key, one in zip(keys("source", setup.sources), setup.sources, strict=True):
         if isinstance(one, OfField):
-            drives.append((key, _Source(one, key, near, sides, grid, range_of(setup))))
+            drives.append((key, _Source(one, key, near, sides, grid, values, team)))
     for name, one in setup.model.follows.items():
-        drives.append((name, Conduction(one, f"model.{name}", near, sides, grid, range_of(setup))))
+        drives.append((name, Conduction(one, f"model.{name}", near, sides, grid)))
     return [(name, (None, drive)) for name, drive in drives]
 
 
@@ -86,11 +88,9 @@ class _OfField:
     near : NearField
     sides : dict of (axis, side) to Side
     grid : Grid
-    values : ndarray
-        Values that the field has at the start.
     """
 
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray) -> None:
+    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid) -> None:
         self._key, self._near, self._grid = key, near, grid
         self._strips = {
             side_name(*at): (_strip(near, *at), side.wanted(near.model.target))
@@ -125,15 +125,36 @@ def _strip(near: NearField, axis: int, side: int) -> tuple[Any, ...]:
 
 
 class _Source(_OfField):
-    """A source that depends on the field; called with a time, it returns its present values."""
+    """A source that depends on the field; called with a time, it returns its present values. On several processes each
+    has those of its nodes, and all fail if one does.
 
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray) -> None:
-        super().__init__(one, key, near, sides, grid, values)
-        some = values[:: SAMPLES // 8]
-        found = np.array([np.abs(self._values(np.full(near.lattice.shape, value), 0.0)) for value in some])
+    Parameters
+    ----------
+    one, key, near, sides, grid
+        As for `_OfField`.
+    values : ndarray
+        Values that the field has at the start.
+    team : Team
+    """
+
+    def __init__(
+        self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray, team: Team
+    ) -> None:
+        super().__init__(one, key, near, sides, grid)
+        self._team = team
+        with team.agreed():
+            some = [np.full(near.lattice.shape, value) for value in values[:: SAMPLES // 8]]
+            found = np.array([np.abs(self._values(u, 0.0)) for u in some])
+        largest = team.largest(float(found.max(initial=0)))
+        with team.agreed():
+            self._check_strips(found, largest)
+
+    def _check_strips(self, found: np.ndarray, largest: float) -> None:
+        """Refuse sources, shape (values of the field, ...), beside sides that absorb, unless they are small there."""
+        near, key = self._near, self._key
         for name, (strip, target) in self._strips.items():
             beside = float(found[:, *strip].max(initial=0))
-            if beside > target * found.max(initial=0):
+            if beside > target * largest:
                 raise InputError(
                     f"a source that depends on the field does not vanish beside {name}, which continues without it",
                     value=f"{beside:.3g}",
@@ -158,7 +179,8 @@ class _Source(_OfField):
         return found
 
     def __call__(self, t: float) -> np.ndarray:
-        return self._values(self._field, t)
+        with self._team.agreed():
+            return self._values(self._field, t)
 
 
 class Conduction(_OfField):
@@ -173,8 +195,8 @@ class Conduction(_OfField):
 
     level: np.ndarray
 
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray) -> None:
-        super().__init__(one, key, near, sides, grid, values)
+    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid) -> None:
+        super().__init__(one, key, near, sides, grid)
         self._first = float(self._law(np.array(near.background)))
         self._operator: Callable[[np.ndarray], np.ndarray] | None = None
         self._tables: Any = None

@@ -22,7 +22,6 @@ from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.host import Host
-from farhorizon.simulation.laws import of_field
 from farhorizon.simulation.layers import with_one_filter
 from farhorizon.simulation.near_field import Extremes, NearField
 from farhorizon.simulation.recorder import Observer, Recorder, recorders_given
@@ -243,7 +242,7 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
             "load",
             setup.heat is not None and setup.heat.coupled,
         ),
-        ("sources and constants that depend on the field", "source", of_field(setup)),
+        ("constants that depend on the field", f"model.{next(iter(setup.model.follows), '')}", setup.model.follows),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
     ]
     for what, key, given in refused:
