@@ -65,6 +65,10 @@ CASES = {
         plane(fh.Diffusion(KERNEL), fh.Free(), sources=["u*(1 - u)*(2 + x/9)"]),
         ALONG_X + ALONG_Y,
     ),
+    "a conductivity that depends on the field": (
+        plane(fh.Heat(KERNEL, density="1 + x**2/99", conductivity="1 + where(u > 0.2, 5*(u - 0.2)**2, 0)")),
+        ALONG_X + ALONG_Y,
+    ),
     "wave": (plane(), ALONG_Y),
     "single precision": (plane(dtype="float32"), ALONG_X),
     "layers that choose themselves": (plane(sides=fh.LatticePML(target=1e-4, until=20.0)), [None]),
@@ -738,7 +742,8 @@ def refused():
             SOLID, initial={}, loads=[fh.ThermalLoad("0.01*x", expansion=1.0, reference=0.0)], shape=(79, 81)
         ),
         "heat of deformation": lambda: plane(fh.Thermoelastic(SOLID, fh.Heat(KERNEL), 0.01, 300.0), initial={}),
-        "k(u)": lambda: plane(fh.Heat(KERNEL, conductivity="1 + u"), fh.Free()),
+        "k(u)": lambda: plane(fh.Heat(KERNEL, conductivity="0.5 - u"), fh.Free()),
+        "w(u)": lambda: plane(fh.Diffusion(KERNEL), fh.Free(), sources=["where(x > 3, 1/u, 0)"]),
         "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),
         "exact": lambda: fh.Setup(lattice(61), WAVE, fh.Exact(), {"u": pulse(1)}),

@@ -44,7 +44,7 @@ def field_drives(setup: Setup, near: NearField, sides: Sides, grid: Grid, team: 
         if isinstance(one, OfField):
             drives.append((key, _Source(one, key, near, sides, grid, values, team)))
     for name, one in setup.model.follows.items():
-        drives.append((name, Conduction(one, f"model.{name}", near, sides, grid)))
+        drives.append((name, Conduction(one, f"model.{name}", near, sides, grid, team)))
     return [(name, (None, drive)) for name, drive in drives]
 
 
@@ -195,8 +195,9 @@ class Conduction(_OfField):
 
     level: np.ndarray
 
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid) -> None:
+    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, team: Team) -> None:
         super().__init__(one, key, near, sides, grid)
+        self._team = team
         self._first = float(self._law(np.array(near.background)))
         self._operator: Callable[[np.ndarray], np.ndarray] | None = None
         self._tables: Any = None
@@ -214,7 +215,9 @@ class Conduction(_OfField):
     def __call__(self, t: float) -> np.ndarray:
         near, engine = self._near, self._grid.engine
         u = self._field
-        self._check(u, t)
+        largest = self._team.largest(float(np.abs(u - near.background).max(initial=0)))
+        with self._team.agreed():
+            self._check(u, t, largest)
         changed = engine.current.astype(float)
         there = changed != 0
         changed[there] = self._excess(changed[there])
@@ -225,7 +228,7 @@ class Conduction(_OfField):
         flow = self._operator(self.level) + engine.reaction * self.level  # which acts on the field itself
         return self._grid.view(flow).reshape(near.lattice.shape).astype(float) / near.model.source_factor
 
-    def _check(self, u: np.ndarray, t: float) -> None:
+    def _check(self, u: np.ndarray, t: float, largest: float) -> None:
         """Refuse a conductivity that is not positive, for which the step is too long, or that is not constant beside a
         side that absorbs.
         """
@@ -251,7 +254,6 @@ class Conduction(_OfField):
                 key=self._key,
                 remedy="a shorter dt",
             )
-        largest = float(np.abs(u - near.background).max(initial=0))
         for side, (strip, target) in self._strips.items():
             missed = np.zeros(u.shape)
             missed[strip] = np.abs(self._excess(u[strip] - near.background))

@@ -198,7 +198,7 @@ constraints, balance, specimens, loads
             if self.coefficient is None
             else as_given(self.coefficient, lattice.dim, "coefficient", time=False),
         )
-        if self.model.follows:
+        if self.model.follows and lattice.whole is lattice:  # a part has the model of the whole
             there = np.array(self.background)
             laws = {name: law_of(one, ("u",), f"model.{name}") for name, one in self.model.follows.items()}
             strongest = livelier(self)

@@ -242,7 +242,6 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
             "load",
             setup.heat is not None and setup.heat.coupled,
         ),
-        ("constants that depend on the field", f"model.{next(iter(setup.model.follows), '')}", setup.model.follows),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
     ]
     for what, key, given in refused:
