@@ -7,7 +7,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.simulation import trials
+from farhorizon.simulation import layer_choice, trials
 from farhorizon.simulation.trials import TrialRuns
 
 SEED = int(os.environ.get("FARHORIZON_SEED", 20261129))
@@ -170,7 +170,7 @@ def test_nodes_with_a_target_are_assessed():
 def test_long_runs_are_tried_for_a_part_of_their_time(monkeypatch):
     """The number of nodes grows by the law of the late profiles, and a note says how far the trials go."""
     whole = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5, until=150.0), PULSE)
-    monkeypatch.setattr(trials, "_SECONDS", 1e-3)
+    monkeypatch.setattr(trials, "SECONDS", 1e-3)
     monkeypatch.setattr(trials, "_RUNS", 1.5)
     part = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5, until=150.0), PULSE)
     (note,) = [one for one in part.notes if "trial runs" in one]
@@ -182,7 +182,7 @@ def test_a_choice_counts_operations(monkeypatch):
     """The clock and the load play no part: what a trial costs follows from its nodes and steps."""
     sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5), PULSE)
     runs = TrialRuns(sim, list(sim.sides), 1e-5, 100.0)
-    assert 0 < runs.allowed == trials._SECONDS and runs.tried == 100.0
+    assert 0 < runs.allowed == trials.SECONDS and runs.tried == 100.0
     large = fh.Simulation(fh.Lattice(1.0, (-60.0,) * 3, (60.0,) * 3), WAVE, fh.LatticePML(nodes=2))
     runs = TrialRuns(large, list(large.sides), 1e-5, 1200.0)
     assert runs.allowed == trials._MOST_SECONDS < 0.25 * runs._usual and runs.tried < 200.0
@@ -207,6 +207,38 @@ def test_chosen_layers_are_kept_in_checkpoints(tmp_path):
     for one in (sim, again):
         one.run(40.0)
     assert np.array_equal(sim.fields["u"], again.fields["u"])
+
+
+def test_a_choice_is_made_once(monkeypatch, tmp_path):
+    """Another set-up that is the same finds it; other data, another target or another medium do not."""
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
+    monkeypatch.setattr(layer_choice, "SECONDS", 0.0)  # so that every choice is kept
+    made = []
+    chosen = TrialRuns.chosen
+    monkeypatch.setattr(TrialRuns, "chosen", lambda self: made.append(self) or chosen(self))
+
+    def layers(data="exp(-(x**2 + y**2)/6)", target=1e-4, reach=2.0):
+        side = fh.LatticePML(target=target, until=30.0)
+        sim = fh.Simulation(LATTICE, fh.Wave(fh.Kernel(reach)), side, {"u": data}, threads=1)
+        return [(one.name, one.nodes, one.predicted) for one in sim.thickness.values()]
+
+    first = layers()
+    assert len(made) == 1 and layers() == first and len(made) == 1
+    for number, other in enumerate(({"data": "exp(-(x**2 + y**2)/7)"}, {"target": 1e-5}, {"reach": 3.0})):
+        layers(**other)
+        assert len(made) == number + 2
+
+
+def test_breaking_bonds_are_tried_as_linear_ones():
+    """Where bonds break, small differences grow, which no layer causes."""
+    solid = fh.Elastic(fh.Kernel(2.0), young=1.0, critical_stretch=0.02)
+    pulse = {"u": ["0.01*exp(-(x**2 + y**2)/6)", 0.0]}
+    sim = fh.Simulation(LATTICE, solid, fh.LatticePML(target=1e-3, until=30.0), pulse, threads=1)
+    linear = fh.Simulation(
+        LATTICE, solid.linearised, fh.LatticePML(target=1e-3, until=30.0), pulse, threads=1, dt=sim.dt
+    )
+    assert sim.thickness["x-"].nodes == linear.thickness["x-"].nodes
+    assert "trial runs of the layers are those of linear bonds" in sim.notes
 
 
 def crack_beside(number):
@@ -259,13 +291,12 @@ def test_where_nothing_moves_layers_have_a_usual_thickness():
     assert any("farhorizon compare" in note for note in sim.notes)
 
 
-def test_a_layer_that_grows_is_no_reference(monkeypatch):
+def test_a_layer_that_grows_is_no_reference(monkeypatch, tmp_path):
     """Then nothing is known, and that is said."""
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     kept = TrialRuns._followed
     monkeypatch.setattr(
-        TrialRuns,
-        "_followed",
-        lambda self, sim, enough: (2.0, None) if self._reference is None else kept(self, sim, enough),
+        TrialRuns, "_followed", lambda self, *given: (2.0, None) if self._reference is None else kept(self, *given)
     )
     sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5, until=40.0), PULSE)
     assert np.isnan(sim.thickness["x-"].predicted)

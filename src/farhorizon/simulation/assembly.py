@@ -37,7 +37,7 @@ from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.host import looked_at, node_factor, varied
 from farhorizon.simulation.laws import of_field
-from farhorizon.simulation.layers import undesigned, with_light_dampers, with_one_filter
+from farhorizon.simulation.layers import undesigned, with_one_filter
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.of_field import field_drives
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
@@ -424,7 +424,7 @@ def _cuts(setup: Setup) -> list[Cut]:
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides) -> Surroundings:
     """Return the surroundings with layers; those that are to be chosen have a default number of nodes."""
-    around = with_light_dampers(near, by_target(setup, sides, near.continued, near.pace.sides))
+    around = by_target(setup, sides, near.continued, near.pace.sides)
     layers = with_one_filter(around.layers, near.rate_limit, near.dt, near.lattice.dim)
     return replace(around, layers=layers, undesigned=undesigned(near, sides))
 
@@ -456,5 +456,4 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     extremes = extremes_of(setup, host, stencil, team, stiffer)
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
-    around = with_light_dampers(near, around)
     return share_of(setup, host, around, near, team, topology), Whole(near, setup.sides, team)

@@ -7,21 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
-from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.tuned_layers import as_quiet, lightly_tuned
-from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
-from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Sides, side_name
-from farhorizon.simulation.surroundings import Surroundings
 
 _LITTLE = 0.3  # largest damping in two steps for which the filter is applied only in every second step
 _TURN = 0.2  # and largest fraction of a period by which the fastest wave may advance in a step
-_LIGHT = 1e-5  # smallest target for light dampers, which reflect at most 2e-6 of a resolved pulse
 
 
 def undesigned(near: NearField, sides: Sides) -> str:
@@ -45,47 +38,6 @@ def undesigned(near: NearField, sides: Sides) -> str:
         f"the layers ({', '.join(asked)}) have no target, and are not made for {near.model.target:g} of the largest "
         f"value: {why}; give a target, or measure with 'farhorizon compare'"
     )
-
-
-def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
-    """Return the surroundings with light dampers in place of filters in layers for scalar waves that are given by their
-    number of nodes and have a target of `_LIGHT` or more, if they reflect no more then, where the medium is uniform
-    and continues beyond at least one side along every other axis. Layers that are chosen may have light dampers anyway.
-
-    Each of several processes comes to the same result on its own.
-    """
-    if near.model.order == 1 or near.weakest != near.strongest:
-        return around
-    found = dict(around.layers)
-    known: dict[tuple[Side, Stencil, float], Layer] = {}  # equivalent sides have the same layer
-    for key, boundary in around.sides.items():
-        layer = found.get(key)
-        if layer is None or not _may_be_light(boundary, layer) or not spreads(around.sides, key[0]):
-            continue
-        squared, first = around.coefficients[key], 0 if near.stencil.same_along(0, key[0]) else key[0]
-        stencil = near.stencil.along(first).beside(squared / near.model.coefficient)
-        alike = boundary, stencil, squared
-        if alike not in known:
-            known[alike] = _light_if_quiet(layer, stencil, squared, near)
-        found[key] = known[alike]
-    return replace(around, layers=found)
-
-
-def _may_be_light(boundary: Side, layer: Layer) -> bool:
-    """Whether a layer has a filter, is given by its number of nodes, and has a target of `_LIGHT` or more."""
-    by_nodes = boundary.profile is None and not boundary.open_ended
-    return layer.filtered and by_nodes and (boundary.target or 0.0) >= _LIGHT
-
-
-def _light_if_quiet(layer: Layer, stencil: Stencil, squared: float, near: NearField) -> Layer:
-    """Return the layer with light dampers, or the layer itself if it cannot have them or would reflect more."""
-    light = lightly_tuned(layer, stencil, float(np.sqrt(squared)) / near.lattice.spacing, near.dt)
-    if light is None:
-        return layer
-    # without the damping of the model, which affects both alike
-    recursion = Recursion.of(near.model.integrator, near.dt)
-    medium = LatticeMedium(stencil, squared, near.lattice.spacing, recursion, near.dt)
-    return light if as_quiet(light, layer, medium) else layer
 
 
 def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: int) -> dict[Key, Layer]:

@@ -20,9 +20,9 @@ from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Euler, RungeKuttaChebyshev
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.described import rebuild
+from farhorizon.simulation.layer_choice import Chosen, assess_layers, choose_layers
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.surroundings import Surroundings
-from farhorizon.simulation.trials import Chosen, assess_layers, choose_layers
 
 _AHEAD = 1.5  # how much farther than a run that is continued the trial of its layers goes
 _MANY = 100_000  # steps: assembling another set-up, in order to see what it saves, takes less time than some of these
@@ -39,6 +39,7 @@ class Changeable(Examined, Protocol):
     team: Any
     setup: Setup
     share: Any
+    parts: Any
 
     @property
     def of(self) -> Callable[..., Any]:
@@ -207,7 +208,7 @@ def many_steps(run: Changeable, until: float) -> list[str]:
         return []
     model.integrator = RungeKuttaChebyshev()
     try:
-        other = run.remade(model=model, dt=None)
+        other = run.remade(model=model, dt=None, boundary=run.parts.around.as_given())
     except InputError:
         return []
     stages, longest = model.integrator.chebyshev, other.step_limit / 2  # half of the limit, as Euler's steps have

@@ -34,6 +34,7 @@ from farhorizon.simulation.energies import present
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.laws import of_field
+from farhorizon.simulation.layer_choice import default_length
 from farhorizon.simulation.march import March
 from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
@@ -48,7 +49,6 @@ from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.share import Share, check_given
 from farhorizon.simulation.steps import last_step, seconds_of
 from farhorizon.simulation.team import Team
-from farhorizon.simulation.trials import default_length
 
 
 class Simulation(Run):
@@ -238,7 +238,7 @@ class Simulation(Run):
         """
         with self.team.agreed():
             self._march.moving.check(until)
-        self._incident_notes = foreseen(self.incident, until) + many_steps(self, until)
+        self._incident_notes = foreseen(self.incident, until)
 
     def prepare(self, until: float) -> int:
         """Prepare the sides, sources and exact ends of a run, as `run` does first; returns the number of the last step.
@@ -253,6 +253,7 @@ class Simulation(Run):
             self.check_sources(until)
         self._settling.settle(self, until)
         self.check_sources(until)
+        self._incident_notes += many_steps(self, until)
         if self.parts.around.undesigned and not self._end:
             warn(self.parts.around.undesigned)
         for text in outlasted(self.parts.around, until, self.dt):

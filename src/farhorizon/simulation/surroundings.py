@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,15 @@ class Surroundings:
     extents: dict[Key, Extent] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
     undesigned: str = ""
+
+    def as_given(self) -> dict[str, Any]:
+        """Return the sides by name, with their layers as given, so that a run with them chooses nothing."""
+        return {
+            side_name(*key): replace(side, nodes=self.layers[key].columns, profile=self.layers[key])
+            if key in self.layers
+            else side
+            for key, side in self.sides.items()
+        }
 
     def width(self, key: Key, stencil: Stencil, spacing: float) -> int:
         """Return the number of nodes of the core that a sponge, an extended side or a condition along the outline needs

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.families import briefly_damped, gently_damped, long_run_profile, steady_rise, thin
+from farhorizon.analysis.layers.families import families, gently_damped, long_run_profile, short, steady_rise, thin
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.engine.state import State
@@ -15,7 +15,7 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2*
 
 
 def test_scales_do_not_change_a_layer():
-    thin_here, thin_there = thin(6, 4.0, 2.0), thin(6, 4.0, 2e-6)
+    thin_here, thin_there = thin(6, 2.0), thin(6, 2e-6)
     np.testing.assert_allclose(thin_here.sigma, 1e6 * thin_there.sigma, rtol=1e-14)
     np.testing.assert_allclose(
         long_run_profile(9, 2.0, 50.0, 12.0, 1e-5).alpha,
@@ -43,10 +43,10 @@ def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
 
 def test_weak_backward_waves_are_damped_gently():
     stencil = fh.Wave(fh.Kernel(3.0)).stencil(1.0, 3)
-    damped = gently_damped(thin(6, 4.0, 1.0), stencil)
+    damped = gently_damped(thin(6, 1.0), stencil)
     assert len(damped.taps) == 4 and 0 < damped.damping.max() < 0.1 * damped.sigma[-1]
     assert high_pass(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
-    assert not gently_damped(thin(6, 4.0, 1.0), fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)).damping.size
+    assert not gently_damped(thin(6, 1.0), fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)).damping.size
 
 
 def _of_noise_in_corners(kernel, nodes, strength, rise, share, end):
@@ -56,7 +56,7 @@ def _of_noise_in_corners(kernel, nodes, strength, rise, share, end):
     model = fh.Wave(kernel)
     reach = model.stencil(1.0, 3).reach[0]
     lattice = fh.Lattice(1.0, (0.0,) * 3, (2.0 * reach,) * 3)
-    layer = gently_damped(thin(nodes, strength, 1.0, rise), model.stencil(1.0, 3))
+    layer = gently_damped(thin(nodes, 1.0, rise, strength), model.stencil(1.0, 3))
     layers = dict.fromkeys(("x+", "y+", "z+"), fh.LatticePML(nodes=nodes, profile=layer))
     sides = layers | dict.fromkeys(("x-", "y-", "z-"), fh.Fixed())
     dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
@@ -75,10 +75,10 @@ def test_thick_layers_rise_steadily_where_they_meet_in_space():
     kernel = fh.Kernel(3.0)
     stencil = fh.Wave(kernel).stencil(1.0, 3)
     rises = [steady_rise(stencil, nodes) for nodes in (2, 6, 7, 10, 11, 16, 17, 24, 25)]
-    assert rises == [0.75, 0.75, 1.5, 1.5, 2.0, 2.0, 3.0, 3.0, None]
+    assert rises == [0.75, 0.75, 2.0, 2.0, 2.0, 2.0, None, None, None]
     assert steady_rise(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2), 40) == 0.75  # no backward waves
     assert _of_noise_in_corners(kernel, 16, 2.0, 0.75, 0.5, 210.0) > 3.0
-    assert _of_noise_in_corners(kernel, 10, 2.0, 1.5, 0.5, 1350.0) < 1.0
+    assert _of_noise_in_corners(kernel, 16, 3.0, 2.0, 0.5, 1350.0) < 1.0
 
 
 #: Kernels in space of reach 2 to 4, three influences and two volumes, with weak backward waves.
@@ -99,50 +99,68 @@ def test_layers_of_random_thickness_do_not_grow_where_they_meet_in_space(number)
     random = np.random.default_rng([SEED, number])
     kernel, share = WEAKLY_BACKWARD[int(random.integers(len(WEAKLY_BACKWARD)))], float(random.uniform(0.3, 0.95))
     stencil = fh.Wave(kernel).stencil(1.0, 3)
-    nodes = int(random.integers(3, 25 if kernel.horizon < 4 else 17))
-    rise = steady_rise(stencil, nodes)
+    nodes = int(random.integers(3, 25))
+    while (rise := steady_rise(stencil, nodes)) is None:
+        nodes -= 1
     strength = float(random.choice([1.4, 2.0, 4.0] + [5.6] * (rise != 0.75)))
     print(f"seed {SEED}, set-up {number}: {kernel}, {nodes} nodes, strength {strength}, step {share:.2f}")
-    assert rise is not None
     given = kernel, nodes, strength, rise, share
     assert any(_of_noise_in_corners(*given, end) < 1.0 for end in (1350.0, 5400.0))
 
 
 BACKWARD = {
-    "elements": (fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"), 2),
-    "bonds": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 2),
-    "wide bonds": (fh.Elastic(fh.Kernel(3.0, 1), young=1.0), 2),
-    "linear": (fh.Elastic(fh.Kernel(3.0, 1, "linear"), young=1.0), 2),
-    "states": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based"), 2),
-    "exponent 0": (fh.Elastic(fh.Kernel(2.0, 0), young=1.0), 2),
-    "scalar elements": (fh.Wave(fh.Stencil.finite_element(2)), 2),
-    "scalar": (fh.Wave(fh.Kernel(3.0, 1)), 2),
-    "line": (fh.Wave(fh.Kernel(3.0, 0)), 1),
-    "bonds in space": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 3),
+    "elements": fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"),
+    "bonds": fh.Elastic(fh.Kernel(2.0, 1), young=1.0),
+    "linear": fh.Elastic(fh.Kernel(2.0, 1, "linear"), young=1.0),
+    "states": fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based"),
+    "correspondence": fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.2, material="correspondence", stabilisation=1.0),
 }
 
 
-@pytest.mark.parametrize(
-    "name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in BACKWARD if n != "elements")]
-)
+@pytest.mark.parametrize("name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in list(BACKWARD)[1:])])
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_short_damping_lets_no_noise_grow(name, share):
     """White noise in the whole state, near both ends of the range of steps, decays over the last third of a long
     run.
     """
-    model, dim = BACKWARD[name]
-    stencil = model.stencil(1.0, dim)
+    model = BACKWARD[name]
+    stencil = model.stencil(1.0, 3)
     end = 2.0 * max(stencil.reach) + 2.0
-    lattice, steps = fh.Lattice(1.0, (0.0,) * dim, (end,) * dim), 9000 if dim < 3 else 2400
+    lattice, steps = fh.Lattice(1.0, (0.0,) * 3, (end,) * 3), 2400
     dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
-    found = {
-        nodes: briefly_damped(nodes, stencil, np.sqrt(model.coefficient)) for nodes in ((4, 12) if dim < 3 else (4,))
-    }
-    assert found[4]
-    for layers in found.values():
-        for layer in layers.values():
-            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=layer.columns, profile=layer), dt=dt, threads=1)
-            state = State(plain_twin(sim).engine)
-            before = state.after(np.random.default_rng(3).standard_normal(state.size), 2 * steps // 3)
-            after = state.after(before, steps // 3)
-            assert np.abs(after).max() < 0.9 * np.abs(before).max()
+    assert short(4, stencil, 1.0) is not None
+    for nodes in (4, 6) if name == "elements" else (4, 8, 12):
+        layer = short(nodes, stencil, float(np.sqrt(model.coefficient)))
+        if layer is None:
+            continue
+        sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, profile=layer), dt=dt, threads=1)
+        state = State(plain_twin(sim).engine)
+        before = state.after(np.random.default_rng(3).standard_normal(state.size), 2 * steps // 3)
+        after = state.after(before, steps // 3)
+        assert np.abs(after).max() < 0.9 * np.abs(before).max()
+
+
+def test_what_short_filters_cannot_damp_has_no_short_layer():
+    """Many nodes, and long backward waves, such as those of elements, for which the rate must be large."""
+    elements = BACKWARD["elements"].stencil(1.0, 3)
+    assert short(6, elements, 1.0) is not None and short(8, elements, 1.0) is None
+    assert short(13, BACKWARD["linear"].stencil(1.0, 3), 1.0) is None
+
+
+def names_of(model, dim, **more):
+    given = {"late": None, "dt": 0.1, "steep": lambda nodes: None} | more
+    return [family.name for family in families(model.stencil(1.0, dim), 1.0, 1.0, **given)]
+
+
+def test_which_families_there_are():
+    """No more than two for any medium: one that needs few nodes, and one for what this cannot do."""
+    wave, late = fh.Wave(fh.Kernel(2.0)), {"late": lambda nodes: None}
+    assert names_of(wave, 1) == ["steep"]
+    assert names_of(wave, 2) == ["thin", "steep"] and names_of(wave, 2, **late) == ["thin", "late"]
+    assert names_of(fh.Wave(fh.Kernel(5.0, influence="gaussian")), 2, **late) == ["thin", "steep"]  # late would grow
+    assert names_of(BACKWARD["bonds"], 2) == ["tuned", "steep"]
+    assert names_of(BACKWARD["bonds"], 2, dt=None) == ["steep"]
+    assert names_of(BACKWARD["bonds"], 3) == ["short", "steep"]
+    assert names_of(fh.Wave(fh.Kernel(4.0, 1, "linear")), 2) == ["steep"]  # 40 % of its waves hardly move
+    bare = fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="correspondence")
+    assert names_of(bare, 2) == ["steep"]  # zero-energy modes

@@ -29,7 +29,7 @@ class Errors:
 
 
 def family(name="thin", least=1, most=1000):
-    return Family(name, lambda nodes: thin(nodes, 4.0, 1.0) if least <= nodes <= most else None)
+    return Family(name, lambda nodes: thin(nodes, 1.0) if least <= nodes <= most else None)
 
 
 def test_a_reference_has_a_third_more_nodes():
@@ -84,7 +84,7 @@ def test_a_search_without_time_says_that_it_does_not_know(most):
 
 
 def test_a_layer_tells_its_trial():
-    layer = thin(6, 4.0, 1.0)
+    layer = thin(6, 1.0)
     told = str(Thickness("thin (4)", layer, 3e-6, 100.0, 40.0))
     assert told == "thin (4) profile, error in trial runs 3e-06 of the largest value up to t = 40"
     assert str(Thickness("steep", layer, np.nan)) == "steep profile, without a trial run"

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.families import briefly_damped, gently_damped, steady_rise, thin
-from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.tuned_layers import as_quiet, backward_band, lightly_tuned, tuned_layers
+from farhorizon.analysis.layers.families import gently_damped, steady_rise, thin
+from farhorizon.analysis.layers.tuned_layers import backward_band, lightly_tuned, tuned_layer
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip, plain_twin
 from farhorizon.engine.state import State
@@ -74,27 +72,25 @@ def test_media_without_such_a_band():
     """No backward waves; zero-energy modes, which are slow and short; waves with a cut-off."""
     assert backward_band(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
     bare = solid(2.0, material="correspondence").stencil(1.0, 2)
-    assert backward_band(bare) is None and not tuned_layers(4, bare, 1.0, 0.1)
+    assert backward_band(bare) is None and tuned_layer(4, bare, 1.0, 0.1) is None
     assert backward_band(fh.Wave(fh.Kernel(3.0, 1)).stencil(1.0, 2).with_reaction(0.1)) is None
     for slow in (solid(5.0), solid(3.0, 0)):  # noise grows, and so do waves along a side
-        assert not any(tuned_layers(nodes, slow.stencil(1.0, 2), 1.0, 0.1) for nodes in range(2, 13))
+        assert not any(tuned_layer(nodes, slow.stencil(1.0, 2), 1.0, 0.1) for nodes in range(2, 13))
 
 
 def test_a_step_near_the_limit_has_none():
     """The fastest waves have less mass than the step was made for."""
     stencil = ELEMENTS.stencil(1.0, 2)
     limit, pace = step_limit(ELEMENTS, 2), pace_of(ELEMENTS)
-    assert tuned_layers(4, stencil, pace, 0.5 * limit) and not tuned_layers(4, stencil, pace, 0.95 * limit)
+    assert tuned_layer(4, stencil, pace, 0.5 * limit) and not tuned_layer(4, stencil, pace, 0.95 * limit)
 
 
 def test_units_change_nothing():
     """All quantities scale with speed over spacing."""
     stencil = solid(2.0).stencil(1.0, 2)
-    one, other = tuned_layers(5, stencil, 1.0, 0.2), tuned_layers(5, stencil, 1e4, 0.2e-4)
-    assert one.keys() == other.keys()
-    for name, layer in one.items():
-        for part, scale in (("kappa", 1.0), ("sigma", 1e4), ("alpha", 1e4), ("damping", 1e4), ("tuned", 1e4)):
-            np.testing.assert_allclose(getattr(other[name], part), scale * getattr(layer, part), rtol=1e-12)
+    one, other = tuned_layer(5, stencil, 1.0, 0.2), tuned_layer(5, stencil, 1e4, 0.2e-4)
+    for part, scale in (("kappa", 1.0), ("sigma", 1e4), ("alpha", 1e4), ("damping", 1e4), ("tuned", 1e4)):
+        np.testing.assert_allclose(getattr(other, part), scale * getattr(one, part), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["bonds", "elements"])
@@ -102,7 +98,7 @@ def test_five_nodes_do_what_twelve_did(name):
     """Pulses with waves of eight and sixteen nodes: errors over four crossings against a larger domain."""
     model, dim = MEDIA[name]
     pace = pace_of(model)
-    for wave, least in ((8, 3.0), (16, 15.0)):
+    for wave in (8, 16):
         half = 2.0 * wave
         lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
         x, y = lattice.coordinates()
@@ -110,11 +106,7 @@ def test_five_nodes_do_what_twelve_did(name):
         u, until = np.stack([g, 0.5 * g]), 8 * half / pace
         exact = fh.Simulation(lattice, model, fh.Extended(1e-8, until=until), {"u": u}, threads=1)
         stencil = exact.stencil
-        layers = {
-            "tuned": tuned_layers(5, stencil, pace, exact.dt)["tuned (1.4, 0.75)"],
-            "short": next(iter(briefly_damped(5, stencil, pace).values())),
-            "steep": None,
-        }
+        layers = {"tuned": tuned_layer(5, stencil, pace, exact.dt), "steep": None}
         runs = {
             name: fh.Simulation(
                 lattice, model, fh.LatticePML(nodes=5 if layer else 12, profile=layer), {"u": u}, threads=1
@@ -129,7 +121,6 @@ def test_five_nodes_do_what_twelve_did(name):
                 errors[name] = max(errors[name], float(np.abs(run.fields["u"] - exact.fields["u"]).max()))
         print(wave, errors)
         assert errors["tuned"] < 1e-4
-        assert errors["short"] > least * errors["tuned"]  # with the same number of nodes
         assert errors["steep"] > 0.3 * errors["tuned"]  # with 12 nodes
 
 
@@ -163,10 +154,11 @@ def test_noise_decays(name, share):
     model, dim = MEDIA[name]
     stencil, found = model.stencil(1.0, dim), 0
     for nodes in (3, 5, 8):
-        for layer in tuned_layers(nodes, stencil, pace_of(model), share * step_limit(model, dim)).values():
+        layer = tuned_layer(nodes, stencil, pace_of(model), share * step_limit(model, dim))
+        if layer is not None:
             found += 1
             assert _growth(model, dim, layer, share, 3000.0 if dim == 2 else 1200.0) < 1.0
-    assert found
+    assert found or backward_band(stencil).highest < 1.1  # where layers would grow
 
 
 @pytest.mark.parametrize(
@@ -178,7 +170,7 @@ def test_noise_decays_beside_thick_layers_with_filters(name):
     stencil, pace = model.stencil(1.0, dim), pace_of(model)
     thick = dict.fromkeys(("x-", "x+"), fh.LatticePML(nodes=17))
     for nodes in (3, 5, 8):
-        for layer in list(tuned_layers(nodes, stencil, pace, 0.5 * step_limit(model, dim)).values())[:1]:
+        if (layer := tuned_layer(nodes, stencil, pace, 0.5 * step_limit(model, dim))) is not None:
             assert _growth(model, dim, layer, 0.5, 3000.0, sides=thick) < 1.0
 
 
@@ -198,7 +190,8 @@ def test_noise_decays_in_random_media(number):
     share = float(random.uniform(0.3, 0.65))
     dt = share * step_limit(model, dim)
     stencil = model.stencil(1.0, dim)
-    layers = [one for nodes in range(2, 13) for one in tuned_layers(nodes, stencil, pace_of(model), dt).values()]
+    every = [tuned_layer(nodes, stencil, pace_of(model), dt) for nodes in range(2, 13)]
+    layers = [layer for layer in every if layer is not None]
     print(f"seed {SEED}, number {number}: {model}, {dim}D, step {share:.2f}, {len(layers)} layers")
     for layer in [layers[i] for i in random.permutation(len(layers))[:3]]:
         wall = [None, fh.Free(), fh.Fixed()][int(random.integers(0, 3 if dim == 2 else 1))]
@@ -218,8 +211,8 @@ def test_no_wave_along_a_side_grows(name, share):
     model, dim = MEDIA[name]
     reach, dt = max(model.stencil(1.0, dim).reach), share * step_limit(model, dim)
     lattice = fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 4,) * dim)
-    found = [tuned_layers(nodes, model.stencil(1.0, dim), pace_of(model), dt).values() for nodes in range(2, 13)]
-    for layer in [one for layers in found for one in layers]:
+    found = [tuned_layer(nodes, model.stencil(1.0, dim), pace_of(model), dt) for nodes in range(2, 13)]
+    for layer in [layer for layer in found if layer is not None]:
         sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=layer.columns, profile=layer), dt=dt, threads=1)
         strip = Strip(sim, 0, lattice.shape[0])
         rates = [strip.growth(angle).rate for angle in (0.005, 0.3, 1.14, 1.43, 1.71, 2.0, 2.28, 2.57, np.pi)]
@@ -287,7 +280,7 @@ SCALARS = {
 def filtered(model, nodes, strength):
     """A thin profile with a short filter."""
     stencil = model.stencil(1.0, 3)
-    return gently_damped(thin(nodes, strength, 1.0, steady_rise(stencil, nodes)), stencil)
+    return gently_damped(thin(nodes, 1.0, steady_rise(stencil, nodes), strength), stencil)
 
 
 def light(layer, stencil, dt):
@@ -320,7 +313,7 @@ def test_light_dampers_take_the_place_of_a_weak_filter():
     assert band.frequency - band.width / 2 < found.tuned[0] <= band.highest
     assert (np.diff(found.damping) > 0).all()
     assert lightly_tuned(filtered(model, 13, 2.0), stencil, 1.0, dt) is None
-    assert lightly_tuned(thin(6, 2.0, 1.0), stencil, 1.0, dt) is None
+    assert lightly_tuned(thin(6, 1.0), stencil, 1.0, dt) is None
     assert lightly_tuned(layer, stencil, 1.0, 0.99 * step_limit(model, 3)) is None
     flat = fh.Wave(fh.Kernel(3.0, 1)).stencil(1.0, 2)
     assert backward_band(flat) is not None and lightly_tuned(layer, flat, 1.0, dt) is None
@@ -420,15 +413,3 @@ def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most)
     print(errors)
     assert errors[0] < most
     assert errors[1] < errors[0] + 1e-5 / 4
-
-
-def test_the_largest_wave_that_comes_back_decides():
-    """Thick layers keep their filters where they reflect less of the long waves along the side than dampers do of
-    short ones.
-    """
-    model = fh.Wave(SCALARS["linear"])
-    stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
-    medium = LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, dt, 0.0), dt)
-    layer = fh.LatticePML(nodes=12).make_layer(2, stencil, 1.0, 1.0, 0.0)
-    assert as_quiet(layer, layer, medium)
-    assert not as_quiet(light(layer, stencil, dt), layer, medium)

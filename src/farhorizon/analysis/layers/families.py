@@ -3,17 +3,17 @@
 A family is a profile of any number of nodes. All of them for waves are stretches ``1 + sigma/(s + alpha)`` whose sigma
 rises outwards, and differ in their effect on waves that hardly move towards the side:
 
-- *steep*: little alpha. Travelling waves are reflected least: on a line, and where many nodes are needed.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes in the plane and in space.
-- *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers absorb the backward waves by their
-  frequency, which requires one medium along the whole side. For the weak backward waves of scalars in space, the thin
-  profiles with light dampers.
-- *short*: for the same stencils, whose damping by wavelength determines the reflection. sigma and damping rise
-  together, and the filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
   boxes, long runs.
+- *tuned*: for stencils with strong backward waves in the plane, as thin as the thin ones. Dampers absorb the backward
+  waves by their frequency, which requires one medium along the whole side.
+- *short*: for the same stencils in space. sigma and damping rise together, and the filter of the damping reads few
+  neighbours.
+- *steep*: little alpha. Travelling waves are reflected least: on a line, and where others would grow or reflect
+  backward waves.
 - *diffusive*: for diffusion, stretches kappa at the points of Zolotarev's problem between the slowest and the steepest
   decay of the run.
 """
@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,36 +29,34 @@ from scipy import special
 
 from farhorizon.analysis.layers.choice import crowded, rising_alpha, smooth_ramp, weak
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
-from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layers
+from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layer
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
-# strengths of the thin profiles that are tried: the first for waves that travel along the side or return often, the
-# second for waves that meet the side once
-_STRENGTHS = (4.0, 2.0)
+# strength of the thin profiles: in boxes and guides of one to three dimensions it needs at most a node more than the
+# best of 2, 3, 4 and 5.5
+_STRENGTH = 3.0
 _RISE = 0.75  # power of a thin sigma's ramp
 # for weak backward waves in space, by reach: numbers of nodes up to which ramps of these powers are used. Where three
 # layers meet, waves of the largest frequency, which stand still, grow at up to 0.3 speed / spacing if they have room,
 # that is, enough nodes whose sigma is of the order of their frequency. Measured: noise in corners to 300 spacings /
 # speed, strengths 1.4 to 5.6, at 0.35, 0.5 and 0.9 of the step limit, less a quarter
-_RISES = (_RISE, 1.5, 2.0, 3.0)
-_STEADY_TO = {2: (10, 24, 24, 24), 3: (6, 10, 16, 24), 4: (3, 6, 8, 16), 5: (3, 5, 7, 12)}
-# numbers of edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
-_EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2
+_RISES = (_RISE, 2.0)
+_STEADY_TO = {2: (10, 24), 3: (6, 16), 4: (3, 8), 5: (3, 7)}
+# edges for waves along the normal, whose tangent is real: their number per two decades of the target, and their sigma
+# in speed / spacing
+_EQUAL, _EQUAL_AT = (2, 5), 2.2
 _GRAZING = 0.6  # largest of the other points
 _SLOWEST = 0.3  # smallest alpha times the length of the run: with less, static fields remain in the layer
 _GENTLE = HighPass(3, 1, 1.0, 0.0)  # filter of three neighbours for weak backward waves, beside thin profiles
 # its rate over that required by first order in sigma, at the outer end, and the power of its ramp
 _GENTLE_RATE, _GENTLE_RAMP = 3.0, 4
-# filters of four and of two neighbours for strong backward waves
-_FINE, _COARSE = HighPass(4, 1, 1.0, 0.0), HighPass(2, 1, 1.0, 0.0)
+# filters of four and of two neighbours for strong backward waves, the largest rates over sigma for which they are used,
+# and the power of sigma's ramp; the numbers of nodes, and their largest product with the rate, with which noise did not
+# grow in corners at 0.5 and 0.95 of the step limit
+_FILTERS = ((HighPass(4, 1, 1.0, 0.0), 0.25, 1.5), (HighPass(2, 1, 1.0, 0.0), 0.35, 2.0))
+_SHORT, _MOST_DAMPED = range(3, 13), 2.0
 _STEADY = 1.25  # rate of their damping over that required by first order in sigma
-# largest rate over sigma of the fine filter in layers of up to a number of nodes: in measurements, noise grew with more
-_FINEST = ((0.25, 12), (0.3, 8))
-_COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
-# the fine filter's rate over the coarse one's, above which backward waves are so long that layers of 12 nodes grow
-_LONG = 3.0
-_LEAST = 3  # smallest number of nodes of such layers that was tested
 # largest reach with which late profiles were stable in white noise; with exponent 1 and constant influence, noise grows
 # from 5 on
 _WIDEST = 4
@@ -86,7 +83,7 @@ class Family(NamedTuple):
         return next((layer for n in range(nodes, 0, -1) if (layer := self.layer(n)) is not None), None)
 
 
-def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer:
+def thin(nodes: int, pace: float, rise: float = _RISE, strength: float = _STRENGTH) -> Layer:
     """A thin profile; `pace` is speed / spacing, `rise` the power of its ramp."""
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
     sigma = 2 * strength * depth**rise
@@ -134,7 +131,7 @@ def _timely(stencil: Stencil) -> bool:
 
 def _equal_edges(wanted: float) -> int:
     """Number of edges of equal sigma, for waves along the normal, that an error requires."""
-    return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
+    return int(np.clip(-np.log10(wanted) / 2 + 1, *_EQUAL))
 
 
 def zolotarev(least: float, count: int) -> np.ndarray:
@@ -176,35 +173,30 @@ def _needed(stencil: Stencil, filtered: HighPass) -> float:
     return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
 
 
-def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer]:
-    """Layers that damp strong backward waves with short filters, by name: those that do not grow.
+def short(nodes: int, stencil: Stencil, pace: float) -> Layer | None:
+    """A layer that damps strong backward waves with a short filter; None where it would grow.
 
     The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter damps long
-    waves less and requires a higher rate; beyond the bounds above, the layer grows from noise at 0.5 or at 0.95 of the
-    step limit.
+    waves less and requires a higher rate.
 
     Parameters
     ----------
     nodes : int
     stencil : Stencil
     pace : float
-        Speed / spacing.
+        Speed / spacing of the slowest medium along the side: a layer for the fastest one is too strong for the backward
+        waves of the slowest, and lets them grow by more than its damping removes.
     """
+    if nodes not in _SHORT:
+        return None
     depth, columns = (np.arange(nodes + 1) + 0.5) / (nodes + 1), np.arange(1, nodes + 1) / (nodes + 1)
-    fine, coarse = _needed(stencil, _FINE), _needed(stencil, _COARSE)
-    strength = 1.4 if nodes < 5 else 1.0
-    found = {}
-
-    def add(name: str, filtered: HighPass, needed: float, sigma: np.ndarray, ramp: np.ndarray) -> None:
-        alpha = rising_alpha(sigma, depth) * pace
-        found[name] = Layer(np.ones(nodes + 1), sigma * pace, alpha, _STEADY * needed * ramp * pace, filtered.taps())
-
-    if _LEAST <= nodes <= max((most for rate, most in _FINEST if fine <= rate), default=0):
-        add("short", _FINE, fine, 2 * strength * depth**1.5, 2 * strength * smooth_ramp(columns) ** 3)
-    bounds = _COARSEST if fine <= _LONG * coarse else _COARSEST[1:]
-    if _LEAST <= nodes <= max((most for rate, most in bounds if coarse <= rate), default=0):
-        add("short, coarse", _COARSE, coarse, 2 * depth**2, 2 * columns**2)
-    return found
+    for filtered, most, rise in _FILTERS:
+        needed = _needed(stencil, filtered)
+        if needed <= most and needed * nodes <= _MOST_DAMPED:
+            sigma, rate = 2 * depth**rise, 2 * _STEADY * needed * smooth_ramp(columns) ** (2 * rise)
+            alpha = rising_alpha(sigma, depth)
+            return Layer(np.ones(nodes + 1), sigma * pace, alpha * pace, rate * pace, filtered.taps())
+    return None
 
 
 def families(
@@ -216,9 +208,6 @@ def families(
     steep: Callable[[int], Layer],
 ) -> list[Family]:
     """The families for waves; those that need the fewest nodes or the least time come first.
-
-    A short layer designed for the fastest medium is too strong for backward waves of the slowest one, and lets them
-    grow by more than its damping removes.
 
     Parameters
     ----------
@@ -234,52 +223,27 @@ def families(
     steep : callable
         The steep profile of a number of nodes.
     """
-    damped, own = high_pass(stencil), Family("steep", steep)
-    if crowded(stencil) or (stencil.dim == 1 and weak(damped)):
-        return [own]
+    damped, last = high_pass(stencil), Family("steep", steep)
+    if crowded(stencil) or (damped is not None and damped.whole) or (stencil.dim == 1 and weak(damped)):
+        return [last]
     if not weak(damped):
-        if damped is None or damped.whole:
-            return [own]
-        tuned = [] if dt is None else [_any_of("tuned", lambda nodes: tuned_layers(nodes, stencil, pace, dt))]
-        return [*tuned, _any_of("short", lambda nodes: briefly_damped(nodes, stencil, slowest)), own]
-    found, thin_one = [], own
-    for strength in _STRENGTHS:
-        thin_one = _thin_family(stencil, pace, strength)
-        if dt is not None and stencil.backward_waves():
-            found.append(_light_family(thin_one, stencil, pace, dt))
-        found.append(thin_one)
+        if stencil.dim > 2:
+            return [Family("short", lambda nodes: short(nodes, stencil, slowest)), last]
+        return [last] if dt is None else [Family("tuned", lambda nodes: tuned_layer(nodes, stencil, pace, dt)), last]
+    first = Family("thin", lambda nodes: _thin(nodes, stencil, pace, dt))
     if late is not None and _timely(stencil):
-        found.append(Family("late", partial(_from, max(_EQUAL) + 1, late)))
-    # in space, where trials take long, only for thick layers, in which the thin ones would grow
-    always = stencil.dim < 3
-    return [*found, Family("steep", lambda nodes: steep(nodes) if always or thin_one.layer(nodes) is None else None)]
+        return [first, Family("late", lambda nodes: late(nodes) if nodes > max(_EQUAL) else None)]
+    return [first, Family("steep", lambda nodes: steep(nodes) if first.layer(nodes) is None else None)]
 
 
-def _from(least: int, layer: Callable[[int], Layer], nodes: int) -> Layer | None:
-    return layer(nodes) if nodes >= least else None
-
-
-def _any_of(name: str, members: Callable[[int], dict[str, Layer]]) -> Family:
-    """The family of the first members of each number of nodes."""
-    return Family(name, lambda nodes: next(iter(members(nodes).values()), None))
-
-
-def _thin_family(stencil: Stencil, pace: float, strength: float) -> Family:
-    def layer(nodes: int) -> Layer | None:
-        rise = steady_rise(stencil, nodes)
-        return None if rise is None else gently_damped(thin(nodes, strength, pace, rise), stencil)
-
-    return Family(f"thin ({strength:g})", layer)
-
-
-def _light_family(heavy: Family, stencil: Stencil, pace: float, dt: float) -> Family:
-    """The family with light dampers in place of its filter."""
-
-    def layer(nodes: int) -> Layer | None:
-        found = heavy.layer(nodes)
-        return None if found is None else lightly_tuned(found, stencil, pace, dt)
-
-    return Family(f"tuned, {heavy.name}", layer)
+def _thin(nodes: int, stencil: Stencil, pace: float, dt: float | None) -> Layer | None:
+    """A thin profile that damps weak backward waves, with light dampers where these can be used."""
+    rise = steady_rise(stencil, nodes)
+    if rise is None:
+        return None
+    layer = gently_damped(thin(nodes, pace, rise), stencil)
+    light = lightly_tuned(layer, stencil, pace, dt) if dt is not None and layer.filtered else None
+    return layer if light is None else light
 
 
 def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:

@@ -20,6 +20,7 @@ AIM = 0.5
 #: from twice as many is half of it.
 APART, APART_SLOW = 4 / 3, 2.0
 _FEWER = 8  # the search ends where fewer nodes would save at most an eighth of them
+_HOPELESS = 1000  # a candidate is given up at so many times the aim: how much worse it is matters little
 _MOST_AHEAD = 4  # largest factor on the nodes from one candidate to the next, since the error need not fall regularly
 
 
@@ -39,6 +40,8 @@ class Thickness:
         Length of the run that was chosen for.
     tried : float
         Length of the trial runs.
+    cost : float
+        Counted operations of the trial runs over those of the run; nan if they were not made now.
     """
 
     name: str
@@ -46,6 +49,7 @@ class Thickness:
     predicted: float
     until: float = np.inf
     tried: float = np.inf
+    cost: float = np.nan
 
     @property
     def nodes(self) -> int:
@@ -136,7 +140,7 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
         unknown = Found(of_nodes(families, likely), likely, np.nan, False)
         if not trials.reference(first, thick):
             return unknown
-        found = _first_below(families, trials, aim, thinner(thick, apart), np.inf)
+        found = _first_below(families, trials, aim, thinner(thick, apart), _HOPELESS * aim)
         if found is None:
             return unknown
         if found.kept:

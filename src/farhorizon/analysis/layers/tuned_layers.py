@@ -16,15 +16,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.analysis.layers.choice import rising_alpha
-from farhorizon.analysis.layers.layer import LatticeMedium, amplitudes_of
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
-from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
 _APART = 0.5  # part of the largest frequency above which all backward waves have to lie
@@ -37,48 +34,13 @@ _GRADUAL = 2.5  # nodes after the first for each power of the depth by which the
 # proportional to its width; the rate over that required by first order in sigma, at the outer end, and the power of its
 # ramp; and the largest number of nodes, beyond which filters reflect less
 _LIGHT_WIDTH, _LIGHT_RATE, _LIGHT_RAMP, _LIGHT_NODES = 0.1, 5.0, 2, 12
-# lengths of resolved waves, in nodes, their angles to the normal in degrees, and the factor by which more of them may
-# be reflected
-_RESOLVED, _ANGLES, _MORE = (8.0, 12.0, 20.0, 40.0), (0.0, 45.0, 65.0), 1.05
-
-
-class _Family(NamedTuple):
-    """Profiles for media whose largest frequency is at least a given number of speeds / spacing.
-
-    The slower the fastest waves are, the larger sigma is in relation to their frequency, whereas first order assumes
-    that it is small, and the more layers grow. These did not grow, by the eigenvalues of strips and from noise in boxes
-    of few nodes, at 0.3 to 0.65 of the step limit.
-
-    Attributes
-    ----------
-    least : float
-    margin : float
-        Damping at the outer end over that required by first order in sigma.
-    profiles : tuple of (float, float, float, int, int)
-        Strength, power of sigma's ramp, power of the depth by which the damping enters later than sigma (less if there
-        are few nodes), and the smallest and largest number of nodes for which the profile is used.
-    """
-
-    least: float
-    margin: float
-    profiles: tuple[tuple[float, float, float, int, int], ...]
-
-
-_FAMILIES = (
-    _Family(
-        1.7, 2.4, ((1.4, 0.75, 1.5, 4, 8), (1.0, 0.75, 1.5, 3, 8), (1.0, 0.75, 1.0, 9, 10), (1.4, 1.0, 1.0, 6, 10))
-    ),
-    _Family(
-        1.4,
-        2.4,
-        (
-            *((1.4, 0.75, 1.5, 4, 5), (1.0, 0.75, 1.5, 3, 5), (1.4, 0.75, 1.2, 6, 8), (1.0, 0.75, 1.2, 6, 8)),
-            *((1.0, 0.75, 1.0, 9, 10), (1.4, 1.0, 1.0, 6, 10)),
-        ),
-    ),
-    _Family(1.1, 1.8, ((1.0, 0.75, 0.5, 3, 8), (1.4, 1.0, 0.5, 4, 8))),
-    _Family(0.905, 1.8, ((1.0, 1.0, 0.5, 4, 6), (2.0, 1.5, 0.5, 4, 6))),
-)
+# the slower the fastest waves are, the larger sigma is in relation to their frequency, whereas first order assumes that
+# it is small, and the more layers grow: by the least of the medium's largest frequency in speeds / spacing, the damping
+# at the outer end over that required by first order, and the power of the depth by which the damping enters later than
+# sigma. These did not grow, by the eigenvalues of strips and from noise in boxes of few nodes, at 0.3 to 0.65 of the
+# step limit, with `_TESTED` nodes
+_MARGINS = ((1.7, 2.4, 1.5), (1.4, 2.4, 1.2), (1.1, 1.8, 0.5))
+_TESTED = range(3, 9)
 
 
 @dataclass(frozen=True)
@@ -120,8 +82,8 @@ def backward_band(stencil: Stencil, least_width: float = _LEAST_WIDTH) -> Backwa
     return BackwardBand(frequency, width, highest, float((2 * growth[backward] / taken).max()))
 
 
-def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
-    """Layers with tuned dampers, by name, for a number of nodes: those that do not grow.
+def tuned_layer(nodes: int, stencil: Stencil, pace: float, dt: float) -> Layer | None:
+    """The layer of a number of nodes with tuned dampers; None where it would grow.
 
     Parameters
     ----------
@@ -132,21 +94,16 @@ def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[s
     dt : float
     """
     band = backward_band(stencil)
-    kind = None if band is None else next((one for one in _FAMILIES if band.highest >= one.least), None)
-    if band is None or kind is None:
-        return {}
+    known = () if band is None else [entry for entry in _MARGINS if band.highest >= entry[0]]
+    if band is None or not known or nodes not in _TESTED:
+        return None
+    _, margin, later = known[0]
     depth, columns = (np.arange(nodes + 1) + 0.5) / (nodes + 1), np.arange(1, nodes + 1) / (nodes + 1)
-    found = {}
-    for strength, rise, soft, least, most in kind.profiles:
-        sigma, at_nodes = 2 * strength * depth**rise, 2 * strength * columns**rise
-        alpha = rising_alpha(sigma, depth)
-        late = columns ** min(soft, (nodes - 1) / _GRADUAL)
-        rates = kind.margin * band.rate * at_nodes / (1 + _REAL * at_nodes) * late
-        layer = Layer(1 + _REAL * sigma, sigma * pace, alpha * pace, rates * pace)
-        layer = replace(layer, tuned=np.array([band.frequency, band.width]) * pace)
-        if least <= nodes <= most and _is_steady(layer, band.highest * pace, stencil.dim, dt):
-            found[f"tuned ({strength:g}, {rise:g})"] = layer
-    return found
+    sigma, at_nodes = 2 * depth**0.75, 2 * columns**0.75  # the ramp of thin profiles
+    rates = margin * band.rate * at_nodes / (1 + _REAL * at_nodes) * columns ** min(later, (nodes - 1) / _GRADUAL)
+    layer = Layer(1 + _REAL * sigma, sigma * pace, rising_alpha(sigma, depth) * pace, rates * pace)
+    layer = replace(layer, tuned=np.array([band.frequency, band.width]) * pace)
+    return layer if _is_steady(layer, band.highest * pace, stencil.dim, dt) else None
 
 
 def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Layer | None:
@@ -173,21 +130,6 @@ def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Lay
     rates, tuned = _LIGHT_RATE * band.rate * layer.sigma[-1] * ramp, np.array([band.frequency, band.width]) * pace
     light = replace(layer, damping=rates, taps=np.zeros(1), tuned=tuned)
     return light if _is_steady(light, band.highest * pace, stencil.dim, dt) else None
-
-
-def as_quiet(light: Layer, layer: Layer, medium: LatticeMedium) -> bool:
-    """Whether a layer with light dampers reflects no more than another layer, by the largest reflection of any resolved
-    wave; False where these waves are too short for a wide stencil.
-    """
-    try:
-        waves = [medium.plane_wave(length, angle) for length in _RESOLVED for angle in _ANGLES]
-    except InputError:
-        return False
-    back = [
-        max(float(np.abs(one[wave.modes.travels]).max()) for one, wave in zip(found, waves, strict=True))
-        for found in (amplitudes_of(waves, light), amplitudes_of(waves, layer))
-    ]
-    return back[0] <= _MORE * back[1]
 
 
 def _is_steady(layer: Layer, highest: float, axes: int, dt: float) -> bool:
