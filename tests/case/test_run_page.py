@@ -84,6 +84,8 @@ def test_the_page_stands_alone(there, capsys):
     results = open_results("a case.h5")
     assert cells["1, 0"] == f"{results.probe_values[-1, 0]:.6g}" and cells["threads"] == "1"
     assert cells["energy"].endswith(f"{results.energy[-1]:.6g} at the end") and "numba" in cells
+    assert cells["error of the layers"] == results.provenance["error of the layers"]
+    assert 0 < float(cells["error of the layers"].partition(" ")[0]) <= 1e-5
     assert float(cells["steps and files"].removesuffix(" s")) > 0
 
 

@@ -101,6 +101,7 @@ def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
             f"t = {run.time:g}{time}: {run.step_count} steps of {run.dt:.6g}{time}; outputs {case.schedule(run.dt)}",
         ),
     ]
+    rows += [(name, text) for name, text in results.provenance.items() if name == "error of the layers"]
     for name in results.field_names if results.times.size else ():
         values = np.abs(results.field(name, -1))
         if np.isfinite(values).any():

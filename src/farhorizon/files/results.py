@@ -71,7 +71,8 @@ class Results:
     units : dict of str to str
         Units of "length", "time", "u" and "v", as far as the case specifies them.
     provenance : dict of str to str
-        Command, machine and versions that produced the file, for runs from the command line.
+        Command, machine and versions that produced the file, for runs from the command line; the error of the layers
+        that trial runs showed.
     finished : bool
         Whether the run had ended when the file was opened.
     outlines : dict of str to list of ndarray, each of shape (n, dim)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from farhorizon import __version__, kinds
+from farhorizon.analysis.layers.thickness import largest_error
 from farhorizon.errors import InputError
 from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.provenance import computed_with
@@ -118,7 +119,7 @@ class RunResults:
                 accounts=accounts,
                 case=case,
                 units=units,
-                provenance={**(command or {}), **dict(computed_with())},
+                provenance={**(command or {}), **dict(computed_with()), **largest_error(run.thickness)},
                 outlines=outlines_of(run),
                 regions=regions,
                 boxes=boxes if team else (),

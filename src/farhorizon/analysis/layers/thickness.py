@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -64,6 +65,16 @@ class Thickness:
             return f"{self.name} profile, without a trial run"
         end = min(self.until, self.tried)
         return f"{self.name} profile, error in trial runs {self.predicted:.1g} of the largest value up to t = {end:.6g}"
+
+
+def largest_error(thickness: Mapping[str, Thickness]) -> dict[str, str]:
+    """What to say of the errors of layers, by side, under one heading; empty if nothing is known."""
+    known = [one for one in thickness.values() if not np.isnan(one.predicted)]
+    if not known:
+        return {}
+    worst = max(known, key=lambda one: one.predicted)
+    end = min(worst.until, worst.tried)
+    return {"error of the layers": f"{worst.predicted:.1g} of the largest value, in trial runs up to t = {end:.6g}"}
 
 
 class Trials(Protocol):
