@@ -167,6 +167,15 @@ def test_nodes_with_a_target_are_assessed():
     assert "layers of 2 nodes (x-, x+, y-, y+) reflect" in said and "more than the target 1e-05" in said
 
 
+@pytest.mark.parametrize(("nodes", "least", "most"), [(2, 1e-3, 0.1), (12, 1e-15, 1e-8)])
+def test_a_check_tells_the_error_of_given_nodes(nodes, least, most):
+    """Also without a target; a warning says where they reflect more than the model's default target."""
+    sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(nodes=nodes), PULSE, threads=1)
+    report = sim.check(until=40.0)
+    assert all(least < one.predicted < most and one.nodes == nodes for one in sim.thickness.values())
+    assert any("more than the target 1e-05" in text for text in report.warnings) == (nodes == 2)
+
+
 def test_long_runs_are_tried_for_a_part_of_their_time(monkeypatch):
     """The number of nodes grows by the law of the late profiles, and a note says how far the trials go."""
     whole = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5, until=150.0), PULSE)

@@ -122,6 +122,16 @@ class Settling:
         if keys := [key for key in asked if given[key].target is not None]:
             self.doubts = self.doubts + by_first(run, lambda whole: assess_layers(whole, keys, until))[1]
 
+    def assess_given(self, run: Changeable, until: float) -> None:
+        """Compare layers of a given number of nodes without a target with thicker ones, for a report."""
+        keys = [key for key, b in run.sides.items() if b.stretched and not b.whole and b.nodes and b.target is None]
+        if run.step_count or not keys:
+            return
+        error, doubts = assess_layers(run, keys, until)
+        layers = {side_name(*key): run.parts.around.layers[key] for key in keys}
+        self.thickness = self.thickness | {name: Thickness("given", one, error, until) for name, one in layers.items()}
+        self.doubts = [*self.doubts, *(text for text in doubts if text not in self.doubts)]
+
     def _prolong(self, run: Changeable, until: float) -> None:
         """See whether the layers of a run that has begun are good for longer."""
         keys = [key for key in self.open_ended if side_name(*key) in self.thickness]

@@ -541,6 +541,7 @@ class Simulation(Run):
             self._settle_alone()
         else:
             self._settling.settle(self, checked_end(until, self.dt))
+            self._settling.assess_given(self, until)
             self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget, rows_on_processes(self, self.topology))
