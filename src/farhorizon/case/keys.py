@@ -7,10 +7,11 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from farhorizon.case.changes import steps
-from farhorizon.case.schema import schema
+from farhorizon.case.schema import Part, case_part, schema_of
 from farhorizon.case.toml import literal
 from farhorizon.errors import InputError
 
@@ -62,8 +63,14 @@ class Key:
 
 def all_keys() -> list[Key]:
     """Every key, each table before its contents."""
-    whole = schema()
-    return list(_inside(whole, whole["$defs"], "", (), ()))
+    return list(_keys_of(case_part()))
+
+
+@lru_cache(maxsize=4)
+def _keys_of(case: type[Part]) -> tuple[Key, ...]:
+    """Every key of the table of a case."""
+    whole = schema_of(case)
+    return tuple(_inside(whole, whole["$defs"], "", (), ()))
 
 
 def _inside(

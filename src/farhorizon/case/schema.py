@@ -937,7 +937,12 @@ def schema() -> dict[str, Any]:
     """JSON Schema of case files: keys, kinds of values and defaults; further conditions are checked when a case is
     read. Keys that accept a unit have the SI unit as `unit`.
     """
-    whole = case_part().model_json_schema()
+    return schema_of(case_part())
+
+
+def schema_of(case: type[Part]) -> dict[str, Any]:
+    """JSON Schema of the table of a case."""
+    whole = case.model_json_schema()
     for name, table in {"CasePart": whole, **whole["$defs"]}.items():
         for key, found in table.get("properties", {}).items():
             if (si := measured(name, key)) is not None:
