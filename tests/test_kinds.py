@@ -314,7 +314,7 @@ RIGHT = {
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
 # a result, which is not made by hand, names of materials, and base classes of boundaries, models and signals
-NOT_MADE = {"Certificate", "materials", "LatticeModel", "Side", "Signal"}
+NOT_MADE = {"Certificate", "materials", "LatticeModel", "Load", "Shape", "Side", "Signal"}
 
 
 def _or_input_error(call):

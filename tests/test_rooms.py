@@ -12,6 +12,7 @@ PACKAGE = TESTS.parent / "src" / "farhorizon"
 ORDER = (
     "errors",
     "kinds",
+    "arguments",  # what a parameter means: its unit, and how a case file gives it
     "machine",
     "files",  # formats on disk, no physics
     "pictures",  # arrays to PNG

@@ -2,7 +2,6 @@
 
 import ast
 import fcntl
-import functools
 import importlib
 import json
 import re
@@ -19,7 +18,6 @@ import pytest
 import farhorizon as fh
 from browser import PROGRAM, Browser, served
 from farhorizon.case.case import Case
-from farhorizon.case.schema import schema
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -31,55 +29,35 @@ SEEN = {  # pages that a browser opens, and words in their titles
     "reference/keys.html": "case file",
     "gallery/two_notches_toml.html": "two notches",
 }
+sys.path.insert(0, str(DOCS / "_extensions"))
+key_page = importlib.import_module("keys")  # the extension that generates the page of keys
+sys.path.pop(0)
 PROGRAMS = sorted(p for p in (DOCS / "tutorials").iterdir() if p.suffix in (".py", ".toml"))
-
-
-@pytest.fixture(scope="module")
-def keys():
-    """The extension that generates the page of keys, as a module."""
-    sys.path.insert(0, str(DOCS / "_extensions"))
-    try:
-        yield importlib.import_module("keys")
-    finally:
-        sys.path.pop(0)
-
-
-@functools.cache
-def case_schema():
-    """Return the schema of case files, checked to be valid."""
-    whole = schema()
-    jsonschema.Draft202012Validator.check_schema(whole)
-    return whole
 
 
 def properties():
     """Return table and key of everything that a case file may contain."""
-    whole = case_schema()
-    tables = {"CasePart": whole, **whole["$defs"]}
-    return [(name, key) for name, table in tables.items() for key in table.get("properties", {})]
+    return [(name, key) for name, table in key_page.tables().items() for key in table.get("properties", {})]
 
 
-def test_each_key_of_the_schema_is_on_the_page(keys):
+def test_the_schema_is_one():
+    jsonschema.Draft202012Validator.check_schema(key_page.tables()["CasePart"])
+
+
+def test_each_key_of_the_schema_is_on_the_page():
     """The page has each key of the schema, and a section for each table."""
-    sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", keys.markdown(), re.MULTILINE | re.DOTALL))
+    sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", key_page.markdown(), re.MULTILINE | re.DOTALL))
     listed = [re.findall(r"^`(\w+)`$", text, re.MULTILINE) for text in sections.values()]
     assert sorted(key for names in listed for key in names) == sorted(key for _, key in properties())
     assert len(sections) == len({name for name, _ in properties()})
 
 
 @pytest.mark.parametrize(("name", "key"), properties())
-def test_examples_of_keys_are_of_their_kind(keys, name, key):
-    value = tomllib.loads(f"{key} = {keys.example(name, key)}")[key]
-    wanted = keys.tables()[name]["properties"][key]
-    jsonschema.Draft202012Validator({**wanted, "$defs": case_schema()["$defs"]}).validate(value)
-    assert keys.meaning(name, key).strip()
-
-
-def test_nothing_is_said_of_keys_that_are_not_there(keys):
-    said = tomllib.loads((DOCS / "reference" / "keys.toml").read_text())
-    there = set(properties())
-    for name, table in said.items():
-        assert {(name, key) for key in table.get("example", {})} <= there
+def test_examples_of_keys_are_of_their_kind(name, key):
+    value = tomllib.loads(f"{key} = {key_page.example(name, key)}")[key]
+    wanted = key_page.tables()[name]["properties"][key]
+    jsonschema.Draft202012Validator({**wanted, "$defs": key_page.tables()}).validate(value)
+    assert key_page.meaning(name, key).strip()
 
 
 def test_each_public_name_is_in_the_reference():

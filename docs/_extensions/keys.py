@@ -1,25 +1,25 @@
-"""Every key of a case file as Markdown.
-
-What it takes and what it means is in the schema, how it is written in the examples; `reference/keys.toml` has what
-these do not say.
-"""
+"""Every key of a case file as Markdown, from the schema, the examples and the docstrings."""
 
 from __future__ import annotations
 
+import ast
+import doctest
+import inspect
 import json
 import re
 import tomllib
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
+
+import jsonschema
 
 import farhorizon as fh
 from farhorizon.case.schema import schema
 
 DOCS = Path(__file__).resolve().parents[1]
 CASES = [*sorted((DOCS.parent / "examples").glob("*.toml")), *sorted((DOCS / "tutorials").glob("*.toml"))]
-CLASSES = {"ImagePart": "ImageMask"}  # others: without "Part"
 WORDS = {"number": "a number", "integer": "a whole number", "string": "a text", "boolean": "true or false"}
 
 
@@ -56,15 +56,11 @@ def _references(content: Any) -> Iterator[str]:
 
 
 def _section(name: str) -> Iterator[str]:
-    table, said = tables()[name], _said().get(name, {})
-    kind = table.get("properties", {}).get("type", {}).get("const")
-    title = said.get("title") or (f'A side: `type = "{kind}"`' if kind else None)
-    if title is None:
-        raise LookupError(f"docs/reference/keys.toml has no title of {name}")
-    yield f"\n## {title}\n"
-    owner = CLASSES.get(name, name.removesuffix("Part"))
-    about = said.get("about", "")
-    if owner in fh.__all__:
+    table = tables()[name]
+    yield f"\n## {titles()[name]}\n"
+    about = escaped(table.get("description", ""))
+    owner = _owner(name)
+    if owner is not None:
         about += f" The same as {{py:obj}}`farhorizon.{owner}`."
     yield about.strip() + "\n"
     for key, value in table.get("properties", {}).items():
@@ -76,29 +72,104 @@ def _section(name: str) -> Iterator[str]:
         yield f"  Example: `{key} = {example(name, key)}`\n"
 
 
-def meaning(name: str, key: str) -> str:
-    """What a key means: a paragraph of Markdown."""
-    return re.sub(r"([*_<\[\]$\\])", r"\\\1", tables()[name]["properties"][key]["description"])
-
-
-def example(name: str, key: str) -> str:
-    """A value as it is written in a case file."""
-    given = _said().get(name, {}).get("example", {}).get(key)
-    if given is not None:
-        return given
-    properties = tables()[name]["properties"][key]
-    if "const" in properties:
-        return _toml(properties["const"])
-    if (name, key) in (used := _used()):
-        return _toml(used[name, key])
-    if properties.get("default") not in (None, [], {}):
-        return _toml(properties["default"])
-    raise LookupError(f"docs/reference/keys.toml has no example of {name}.{key}")
+def _owner(name: str) -> str | None:
+    """The public class whose parameters are the keys of a table."""
+    return name.removesuffix("Part") if name.removesuffix("Part") in fh.__all__ else None
 
 
 @lru_cache(maxsize=1)
-def _said() -> dict[str, Any]:
-    return tomllib.loads((DOCS / "reference" / "keys.toml").read_text(encoding="utf-8"))
+def titles() -> dict[str, str]:
+    """The heading of each table: the keys at which it is found, and its type."""
+    places: dict[str, list[str]] = {}
+    for outer, table in tables().items():
+        for key, value in table.get("properties", {}).items():
+            place = f"[{key}]" if outer == "CasePart" else key
+            for name in _references(value):
+                listed = outer == "CasePart" and value.get("type") == "array"
+                places.setdefault(name, []).append(f"[{place}]" if listed else place)
+    found = {"CasePart": "The case"}
+    for name in _order(tables())[1:]:
+        words = ", ".join(f"`{place}`" for place in dict.fromkeys(places[name]))
+        kind = tables()[name]["properties"].get("type", {})
+        words += f" with `type = {_toml(kind['const'])}`" if "const" in kind else ""
+        found[name] = f"{words} ({name.removesuffix('Part')})" if words in found.values() else words
+    return found
+
+
+def escaped(text: str) -> str:
+    """Words as Markdown."""
+    return re.sub(r"([*_<\[\]$\\])", r"\\\1", text)
+
+
+def meaning(name: str, key: str) -> str:
+    """What a key means: a paragraph of Markdown."""
+    return escaped(tables()[name]["properties"][key]["description"])
+
+
+def example(name: str, key: str) -> str:
+    """A value as it is written in a case file: of an example, of the docstring of the class, or of its kind."""
+    wanted = {**tables()[name]["properties"][key], "$defs": tables()}
+    fits = jsonschema.Draft202012Validator(wanted)
+    return next(_toml(value) for value in _values(name, key) if value not in (None, [], {}) and fits.is_valid(value))
+
+
+def _values(name: str, key: str) -> Iterator[Any]:
+    """Values of a key, the best one first."""
+    content = tables()[name]["properties"][key]
+    yield from [_used()[name, key]] if (name, key) in _used() else []
+    yield from content.get("examples", ())
+    yield from (given[key] for given in _calls(_owner(name)) if key in given)
+    yield content.get("default")
+    yield from _made_up(content)
+
+
+def _made_up(content: dict[str, Any]) -> Iterator[Any]:
+    """Values of a kind."""
+    options = [*content.get("anyOf", ()), *content.get("oneOf", ())]
+    for one in sorted(options, key=lambda one: "number" not in one.get("type", "")):  # rather than an expression
+        yield from _made_up(one | {"description": content.get("description", "")})
+    yield from [content["const"]] if "const" in content else content.get("enum", ())
+    kind = content.get("type", "")
+    if "$ref" in content:
+        name = content["$ref"].rpartition("/")[2]
+        table = tables()[name]
+        needed = table.get("required") or list(table["properties"])[:1]
+        yield {key: tomllib.loads(f"value = {example(name, key)}")["value"] for key in needed}
+    if kind == "array":
+        yield from ([one, one] if one == 1.0 else [one] for one in _made_up(content.get("items", {"type": "number"})))
+    if kind == "object" and isinstance(content.get("additionalProperties"), dict):
+        yield from ({"all": one} for one in _made_up(content["additionalProperties"]))
+    if "number" in kind or kind == "integer":
+        yield 1.0 if "number" in kind else 2
+    if kind == "boolean":
+        yield True
+    if kind == "string":
+        yield next(iter(re.findall('"(.*?)"', content.get("description", ""))), "name")
+
+
+@cache
+def _calls(owner: str | None) -> list[dict[str, Any]]:
+    """Arguments with which the examples in the docstring of a public class call it, as far as they are plain data."""
+    if owner is None:
+        return []
+    kind = getattr(fh, owner)
+    source = "".join(one.source for one in doctest.DocTestParser().get_examples(inspect.getdoc(kind) or ""))
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == f"fh.{owner}":
+            bound = inspect.signature(kind).bind_partial(
+                *node.args, **{one.arg: one.value for one in node.keywords if one.arg}
+            )
+            found.append({name: _plain(value) for name, value in bound.arguments.items()})
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """A literal of Python as TOML has it; None for what is none."""
+    try:
+        return json.loads(json.dumps(ast.literal_eval(value)))
+    except (ValueError, TypeError):
+        return None
 
 
 def _kind(value: dict[str, Any]) -> str:

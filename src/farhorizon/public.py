@@ -39,6 +39,7 @@ from farhorizon.geometry.shapes import Polygon as Polygon
 from farhorizon.geometry.shapes import PolygonCut as PolygonCut
 from farhorizon.geometry.shapes import Polyline as Polyline
 from farhorizon.geometry.shapes import Rectangle as Rectangle
+from farhorizon.geometry.shapes import Shape as Shape
 from farhorizon.geometry.voxels import Voxels as Voxels
 from farhorizon.inputs.conditions import Convection as Convection
 from farhorizon.inputs.conditions import Flux as Flux
@@ -50,6 +51,7 @@ from farhorizon.inputs.expressions import function as function
 from farhorizon.inputs.incident_fields import IncidentField as IncidentField
 from farhorizon.inputs.incident_records import IncidentRecord as IncidentRecord
 from farhorizon.inputs.loads import BodyForce as BodyForce
+from farhorizon.inputs.loads import Load as Load
 from farhorizon.inputs.loads import Traction as Traction
 from farhorizon.inputs.local_sources import LineSource as LineSource
 from farhorizon.inputs.local_sources import MomentTensor as MomentTensor

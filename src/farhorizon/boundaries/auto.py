@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from farhorizon import kinds
+from farhorizon.arguments import Duration
 from farhorizon.boundaries.extended import Extended
 from farhorizon.boundaries.lattice_pml import LatticePML
 from farhorizon.boundaries.side import Side
@@ -42,7 +43,7 @@ class Auto(Side):
     endless: ClassVar[bool] = True
     undecided: ClassVar[bool] = True
     target: float | None = None
-    until: float | None = None
+    until: Duration | None = None
 
     def __post_init__(self) -> None:
         kinds.settle(self, target=self.as_domain(None).target, until=self.as_domain(None).until)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from farhorizon import kinds
+from farhorizon.arguments import Duration
 from farhorizon.boundaries.side import Side, checked_target
 
 
@@ -52,7 +53,7 @@ class Extended(Side):
     cracks: ClassVar[Literal["end"]] = "end"
     target: float | None = None
     nodes: int | None = None
-    until: float | None = None
+    until: Duration | None = None
 
     def __post_init__(self) -> None:
         kinds.settle(

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency
 from farhorizon.boundaries.outline import Closing, Medium, OutlineNodes
 from farhorizon.errors import InputError
 
@@ -48,7 +49,7 @@ class Higdon(Closing):
 
     label: ClassVar[str] = "Higdon"
     angles: tuple[float, ...] = (0.0, 45.0)
-    shift: float | None = None
+    shift: Frequency | None = None
 
     def __post_init__(self) -> None:
         angles = np.atleast_1d(kinds.array(self.angles, "boundary.angles"))

@@ -24,6 +24,7 @@ from farhorizon import kinds
 from farhorizon.analysis.layers.choice import Profile, weak
 from farhorizon.analysis.layers.gain import largest_gain
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
+from farhorizon.arguments import Duration
 from farhorizon.boundaries.side import Side, checked_target
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -104,7 +105,7 @@ class LatticePML(Side):
     target: float | None = None
     nodes: int | None = None
     profile: Mapping[str, np.ndarray | float] | Layer | None = None
-    until: float | None = None
+    until: Duration | None = None
     angle: InitVar[object] = None
     wavelengths: InitVar[object] = None
 

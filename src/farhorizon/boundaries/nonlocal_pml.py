@@ -16,6 +16,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency
 from farhorizon.boundaries.side import Side
 
 RAMPS = {"quadratic": 2, "cubic": 3}
@@ -69,11 +70,11 @@ class NonlocalPML(Side):
     cracks: ClassVar[Literal["end", "continue", "refuse"]] = "end"
     nodes: int = 30
     ramp: str = "cubic"
-    strength: float | None = None
+    strength: Frequency | None = None
     reflection: float = 1e-3
     plateau: float = 1 / 3
     cross: float = 0.0
-    shift: float = 0.0
+    shift: Frequency = 0.0
 
     def __post_init__(self) -> None:
         kinds.settle(

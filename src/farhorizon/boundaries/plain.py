@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from farhorizon import kinds
+from farhorizon.arguments import FIELD, Unit
 from farhorizon.boundaries.side import Side
 
 
@@ -30,7 +31,7 @@ class Fixed(Side):
     True
     """
 
-    value: float = 0.0
+    value: Annotated[float, Unit(FIELD)] = 0.0
     passive: ClassVar[bool] = True
     image: ClassVar[int] = -1
     drifting: ClassVar[bool] = True

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from farhorizon import kinds
 from farhorizon.analysis import modes
+from farhorizon.arguments import Length, Unit
 from farhorizon.boundaries.outline import Closing, Medium, OutlineNodes
 from farhorizon.errors import InputError
 
@@ -130,16 +131,16 @@ class PlaneWave(Closing):
     fit: str | None = None
     dispersion: str | None = None
     time: str | None = None
-    layer: float | None = None
-    radius: float | None = None
+    layer: Length | None = None
+    radius: Length | None = None
     cone: float | None = None
     thin: int | None = None
     normals: str | None = None
     angle: float | None = None
     angles: int = 11
-    wavenumber: float | None = None
+    wavenumber: Annotated[float | None, Unit("1/m")] = None
     wavenumbers: int | None = None
-    smallest: float | None = None
+    smallest: Annotated[float | None, Unit("1/m")] = None
     regularization: float | None = None
     rcond: float = 1 / _CONDITION
     balanced: bool = True

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency
 from farhorizon.boundaries.side import Side
 
 
@@ -37,7 +38,7 @@ class Sponge(Side):
     damped: ClassVar[bool] = True
     passive: ClassVar[bool] = True
     nodes: int = 40
-    strength: float | None = None
+    strength: Frequency | None = None
 
     def __post_init__(self) -> None:
         kinds.settle(

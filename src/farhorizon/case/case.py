@@ -14,14 +14,15 @@ from pydantic import ValidationError
 
 from farhorizon import kinds
 from farhorizon import public as fh
+from farhorizon.arguments import ANY, FIELD, RATE
 from farhorizon.case.case_model import model_of, models_in, named_materials
-from farhorizon.case.case_recorders import recorders_of
-from farhorizon.case.case_setup import lattice_of, setup_of
+from farhorizon.case.case_setup import recorders_of, setup_of
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
-from farhorizon.case.schema import ThermalPart, UnitsPart, case_part
+from farhorizon.case.reading import Reader
+from farhorizon.case.schema import UnitsPart, case_part, unit_of
 from farhorizon.case.toml import document
-from farhorizon.case.units import ANY, FIELD, FIELDS, KEYS, RATE, Units, unit
+from farhorizon.case.units import FIELDS, Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
@@ -78,12 +79,12 @@ class Case:
         with self.naming():
             self._check_times()
             self._check_moments()
-            self.lattice = lattice_of(self.parts.lattice)
+            self.lattice = Reader(0).made(self.parts.lattice, "lattice")
             self.model = model_of(self.parts.model, self.parts.material, self.lattice)
             self._check_absolute()
             self.setup = setup_of(self.parts, self.lattice, self.model, self.end, self._given_step)
             self._check_output()
-            recorders_of(self.parts)
+            recorders_of(self.parts, self.lattice.dim)
 
     @classmethod
     def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:
@@ -214,7 +215,9 @@ class Case:
             per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # per area in 1D, per thickness in 2D
             named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
             named |= {"energy": f"J{per}", "power": f"W{per}"}
-        named |= {constant: KEYS[constant] for constant in self.model.varying if constant in KEYS}
+        for constant in self.model.varying:
+            if (si := unit_of(type(self.parts.model).model_fields[constant])) is not None:
+                named[constant] = si
         found = {what: name for what, si in named.items() if (name := units.name(si))}
         if {"stress", "length"} <= found.keys():
             found |= dict.fromkeys(("K_I", "K_II"), f"{found['stress']} {found['length']}^(1/2)")
@@ -242,7 +245,7 @@ class Case:
         """A new simulation of the case with some arguments changed, on the processes of a communicator if given."""
         with self.naming():
             check_names(changes)
-            setup, recorders = replace(self.setup, **changes), [*recorders_of(self.parts), *observe]
+            setup, recorders = replace(self.setup, **changes), [*recorders_of(self.parts, self.lattice.dim), *observe]
             made = fh.Simulation.of(setup, recorders, communicator, self.parts.run.topology)
             self._asked.check(made.dt, "run.dt")
             return made
@@ -342,7 +345,7 @@ class Case:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
-        warmed = self._warms or any(isinstance(load, ThermalPart) for load in self.parts.load)
+        warmed = self._warms or self.setup.heat is not None
         known += ["T", "thermal_strain"] * warmed
         if not self.fields:
             raise InputError(

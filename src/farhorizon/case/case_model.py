@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from farhorizon import public as fh
-from farhorizon.case.case_values import Values, made
-from farhorizon.case.schema import MaterialPart, Part, WeibullPart, model_kinds
+from farhorizon.case.reading import Reader, made
+from farhorizon.case.schema import Part
 from farhorizon.errors import InputError, shown
 from farhorizon.files.region_numbers import Regions
 
 _NO_CONSTANTS = {"region", "of", "name"}  # keys of a material that are not constants
 
 
-def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> fh.LatticeModel:
+def model_of(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
     """The model on a lattice, with the constants of the materials in their regions.
 
     Parameters
     ----------
     part : Part
         The table [model].
-    materials : sequence of MaterialPart
+    materials : sequence of Part
         The tables [[material]]; later ones override earlier ones.
     lattice : Lattice
 
@@ -35,18 +35,17 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
     """
     parts = models_in(part)
     values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name", *parts})
-    kind = model_kinds()[part.type]
-    takes, read = signature(kind).parameters, Values(lattice.dim)
+    kind = part.MAKER
+    takes, read = signature(kind).parameters, Reader(lattice.dim)
     for name, one in parts.items():
-        of_solid = model_kinds()[one.type].mechanical
         try:
-            values[name] = model_of(one, materials if of_solid else (), lattice)
+            values[name] = model_of(one, materials if one.MAKER.mechanical else (), lattice)
         except InputError as error:
             raise error.at(error.key.replace("model", f"model.{name}", 1)) from None
     if parts:
-        values["expansion"] = read.steady(values["expansion"], "model.expansion")
+        values["expansion"] = read.constant(part.expansion, "model.expansion")
         return made(kind, "model", **values)
-    values |= {name: read.steady(one, f"model.{name}") for name, one in part if isinstance(one, WeibullPart)}
+    values |= {name: read.made(one, f"model.{name}") for name, one in part if name in values and isinstance(one, Part)}
     if "operator" in takes:
         values["operator"] = _operator(part, lattice.dim)
     elif "kernel" in takes:
@@ -57,7 +56,9 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
     named = {name: i for i, one in enumerate(materials) for name in one.model_fields_set - _NO_CONSTANTS}
     for name in sorted(named):
         if values.get(name) is None:
-            known = sorted(set(MaterialPart.model_fields) & {one for one, value in values.items() if value is not None})
+            known = sorted(
+                set(type(materials[0]).model_fields) & {one for one, value in values.items() if value is not None}
+            )
             raise InputError(
                 "a region has constants that the model has, too",
                 value=name,
@@ -69,7 +70,7 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
     return made(kind, "model", **values)
 
 
-def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> Regions | None:
+def named_materials(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Regions | None:
     """Nodes by material name, "" where a material has none; None if no material has a name."""
     names = [_called(part)]
     numbers = np.zeros(lattice.shape, np.int32)
@@ -83,7 +84,9 @@ def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.La
 def models_in(part: Any) -> dict[str, Any]:
     """The tables of the models that a model is composed of, by key."""
     return {
-        name: one for name, one in part if isinstance(one, Part) and hasattr(one, "type") and one.type in model_kinds()
+        name: one
+        for name, one in part
+        if isinstance(one, Part) and isinstance(one.MAKER, type) and issubclass(one.MAKER, fh.LatticeModel)
     }
 
 
@@ -111,23 +114,21 @@ def _integrator(part: Any) -> fh.RungeKuttaChebyshev:
     return fh.RungeKuttaChebyshev(part.stages)
 
 
-def _check(materials: Sequence[MaterialPart]) -> None:
+def _check(materials: Sequence[Any]) -> None:
     for i, part in enumerate(materials):
         if not part.model_fields_set - {"region", "name"}:
             raise InputError(
                 "a region without a material",
                 key=f"material[{i}]",
-                limit=", ".join(sorted(set(MaterialPart.model_fields) - {"region", "name"})),
+                limit=", ".join(sorted(set(type(part).model_fields) - {"region", "name"})),
                 remedy="give it constants, or leave it out",
             )
 
 
-def _constant(
-    kind: type[fh.LatticeModel], name: str, value: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice
-) -> Any:
+def _constant(kind: type[fh.LatticeModel], name: str, value: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Any:
     """A constant of a kind of model, with the values given in regions."""
-    read = Values(lattice.dim)
-    found = read.steady(value, f"model.{name}")
+    read = Reader(lattice.dim)
+    found = read.constant(value, f"model.{name}")
     given = [(i, part) for i, part in enumerate(materials) if getattr(part, name) is not None]
     if not given:
         return found
@@ -138,18 +139,19 @@ def _constant(
         if not there.any():
             raise InputError(
                 "the region has no node of the near field",
-                value=part.region.build(f"material[{i}].region"),
+                value=read.region(part.region, f"material[{i}].region"),
                 limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
                 key=f"material[{i}].region",
                 remedy="move it inside, enlarge it, or refine the lattice",
             )
         key = f"material[{i}].{name}"
-        inside = read.steady(getattr(part, name), key)
+        inside = read.constant(getattr(part, name), key)
         values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
         kind.check_constant(name, values[there], key)
     return values
 
 
-def _inside(material: MaterialPart, number: int, lattice: fh.Lattice) -> np.ndarray:
+def _inside(material: Any, number: int, lattice: fh.Lattice) -> np.ndarray:
     """Mask of the nodes in the region of a material."""
-    return material.region.build(f"material[{number}].region").contains(np.stack(lattice.coordinates(), -1))
+    region = Reader(lattice.dim).region(material.region, f"material[{number}].region")
+    return region.contains(np.stack(lattice.coordinates(), -1))

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from farhorizon.boundaries.lattice_pml import BY_TARGET
 from farhorizon.case.keys import all_keys
-from farhorizon.case.schema import Part, case_part, model_kinds
+from farhorizon.case.schema import Part, case_part, tables, tag_of
 from farhorizon.case.toml import literal
 from farhorizon.errors import InputError, nearest, suggestion
 
@@ -116,9 +116,10 @@ def _types(location: tuple[Any, ...]) -> list[str]:
 
 def _instead(location: tuple[Any, ...]) -> str:
     """What a model takes in place of a key of other models, if known."""
-    kind = model_kinds().get(str(location[-2])) if len(location) > 1 else None
-    found = kind.others.get(str(location[-1])) if kind else None
-    return found or ""
+    found = [
+        kind.others.get(str(location[-1]), "") for kind in tables().known.models if tag_of(kind) in location[-2:-1]
+    ]
+    return found[0] if found else ""
 
 
 def _meaning(location: tuple[Any, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Numbers with units in case files: what each key measures, and the units in which a case gives its numbers."""
+"""Numbers with units in case files, and the units in which a case gives its numbers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from farhorizon.arguments import ANY, FIELD, RATE
 from farhorizon.errors import InputError
 
 #: Base quantities for which a case may give units, with their SI units; the powers of a `Unit` are in this order.
@@ -15,46 +16,9 @@ BASES = {"mass": "kg", "length": "m", "time": "s", "temperature": "K", "amount":
 #: Quantities that may be given in place of the mass, which follows from any of them with length and time.
 MASS_BY = {"force": "N", "pressure": "Pa", "density": "kg/m^3", "energy": "J"}
 
-ANY, FIELD, RATE = "any", "that of u", "that of v"
-
-#: SI unit of the value of a key, the same in all tables except for keys that are named with their table.
-KEYS = {
-    **dict.fromkeys(("spacing", "lower", "upper", "horizon", "radius", "radii", "centre", "corner", "edge1"), "m"),
-    **dict.fromkeys(("edge2", "points", "height", "width", "start", "end", "probes", "position", "tips"), "m"),
-    **dict.fromkeys(("at", "size", "focus", "first", "last", "across", "layer", "between"), "m"),
-    **dict.fromkeys(("until", "dt", "probe_every", "pictures", "opens", "delay", "rise", "duration", "limit"), "s"),
-    **dict.fromkeys(("OutputPart.every", "GaussianPart.width"), "s"),
-    **dict.fromkeys(("frequency", "frequencies", "damping", "drag", "shift"), "1/s"),
-    **dict.fromkeys(("ChirpPart.first", "ChirpPart.last", "NonlocalPMLPart.strength"), "1/s"),
-    **dict.fromkeys(("wavenumber", "smallest"), "1/m"),
-    **dict.fromkeys(("young", "bulk", "shear", "TractionPart.value", "PressurePart.value"), "Pa"),
-    **dict.fromkeys(("u", "background", "FixedPart.value", "PrescribedPart.value"), FIELD),
-    **dict.fromkeys(("v", "PrescribedPart.rate", "PrescribedPart.velocity"), RATE),
-    **dict.fromkeys(("concentration", "saturation", "force", "moment", "strength", "ConstraintPart.value"), ANY),
-    "SourcePart.value": ANY,
-    "WeibullPart.scale": ANY,
-    "cell": "m",
-    "BodyForcePart.value": "N/m^3",
-    "speed": "m/s",
-    "density": "kg/m^3",
-    "fracture_energy": "J/m^2",
-    "diffusivity": "m^2/s",
-    "conductivity": "W/(m*K)",
-    "specific_heat": "J/(kg*K)",
-    "expansion": "1/K",
-    "ThermalPart.temperature": "K",
-    "ThermalPart.reference": "K",
-    "ThermalPart.every": "s",
-    "ThermoelasticPart.reference": "K",
-    "T": "K",
-    **dict.fromkeys(("transfer", "contact_conductance"), "W/(m^2*K)"),
-    "stiffness": "m^4/s^2",
-}
 #: SI unit of u by the type of the model; for other types it may be any unit.
 FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam"), "m"), "heat": "K"}
 
-# Tables that no class describes: their keys are in `KEYS`.
-_PLAIN_TABLES = ("initial", "rectangle", "disc")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 QUANTITY = _NUMBER.pattern + r"(\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0]|\s+1\s*/).*"
 """Regular expression of a number with a unit; no arithmetic expression matches it."""
@@ -162,11 +126,6 @@ def _value(node: ast.expr) -> Unit:
     raise ValueError
 
 
-def measured(table: str, key: str) -> str | None:
-    """The SI unit of the values of a key in a table, or `ANY`, `FIELD` or `RATE`; None if it takes no unit."""
-    return KEYS.get(f"{table}.{key}", KEYS.get(key))
-
-
 class Units:
     """The units in which a case gives its numbers.
 
@@ -251,22 +210,16 @@ def _power(text: str, power: int) -> str:
     return inner + {2: "\u00b2", 3: "\u00b3"}.get(power, f"^{power}")
 
 
-def without_units(table: str, data: Mapping[str, Any], units: Units | None) -> dict[str, Any]:
-    """A table of a case with plain numbers in place of those with units.
+def plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
+    """The value of a key, which measures an SI unit, with plain numbers in place of those with units.
 
     Raises
     ------
     InputError
         A number with a unit in a case that has no ``[units]``, or a number over a unit; otherwise as `Units.number`.
     """
-    return {key: _plain(value, measured(table, key), units, key) for key, value in data.items()}
-
-
-def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
     if isinstance(value, list):
-        return [_plain(one, si, units, f"{key}[{i}]") for i, one in enumerate(value)]
-    if isinstance(value, Mapping) and key in _PLAIN_TABLES:
-        return {name: _plain(one, measured("", name), units, f"{key}.{name}") for name, one in value.items()}
+        return [plain(one, si, units, f"{key}[{i}]") for i, one in enumerate(value)]
     if si is None or not isinstance(value, str):
         return value
     if not re.fullmatch(QUANTITY, value):

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from farhorizon import kinds
+from farhorizon.arguments import OneOf
 from farhorizon.errors import InputError
 from farhorizon.files.foreign import naming, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
+_File = Annotated[Path, 'Path of a Gmsh mesh (MSH 4.1), relative to the case file, such as "part.msh".']
 _CORNERS = {"triangle": 3, "triangle6": 3, "tetra": 4, "tetra10": 4}  # the nodes in the middle of edges follow them
 _DIMENSION = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3}
 _CHUNK = 4096  # elements that are processed together
@@ -54,7 +56,9 @@ class Elements(Shape):
 
     _shown = ("scale",)
 
-    def __init__(self, elements: Any, group: str | None = None, scale: float = 1.0) -> None:
+    def __init__(
+        self, elements: Annotated[Any, OneOf(file=_File)], group: str | None = None, scale: float = 1.0
+    ) -> None:
         factor = kinds.number(scale, "scale", above=0)
         wanted = None if group is None else kinds.text(group, "group")
         if wanted is not None and not isinstance(elements, str | Path):

@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.special import i0, i1, spherical_jn
 
 from farhorizon import kinds
+from farhorizon.arguments import Point, Toml
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.machine import check_fits
@@ -153,8 +154,15 @@ def as_points(points: Any, dim: int, key: str = "points") -> np.ndarray:
     return found
 
 
-def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
+def points_on_line(start: Point, end: Point, count: int) -> np.ndarray:
     """Evenly spaced points from one end to the other, both included, shape (count, dim).
+
+    Parameters
+    ----------
+    start, end : array_like, shape (dim,)
+        First and last point.
+    count : int
+        Number of points, both ends included.
 
     Raises
     ------
@@ -174,8 +182,15 @@ def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
     return np.linspace(ends[0], ends[1], count)
 
 
-def points_on_grid(lower: Any, upper: Any, counts: Any) -> np.ndarray:
+def points_on_grid(lower: Point, upper: Point, counts: Annotated[Any, Toml(list[int])]) -> np.ndarray:
     """Points on a grid, both corners included, with the last axis varying fastest, shape (n, dim).
+
+    Parameters
+    ----------
+    lower, upper : array_like, shape (dim,)
+        Smallest and largest coordinates.
+    counts : sequence of int
+        Number of points along each axis, both ends included.
 
     Raises
     ------

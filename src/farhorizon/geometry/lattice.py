@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from farhorizon import kinds
+from farhorizon.arguments import Length, Point, Toml
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
@@ -63,12 +65,12 @@ class Lattice(Storable):
 
     def __init__(
         self,
-        spacing: float,
-        lower: ArrayLike | None = None,
-        upper: ArrayLike | None = None,
+        spacing: Length,
+        lower: Point | None = None,
+        upper: Point | None = None,
         *,
         window: Shape | None = None,
-        body: Shape | np.ndarray | None = None,
+        body: Annotated[Shape | np.ndarray | None, Toml(Shape)] = None,
     ) -> None:
         self.spacing = spacing = kinds.number(spacing, "lattice.spacing", above=0)
         mask = body if isinstance(body, np.ndarray) else None

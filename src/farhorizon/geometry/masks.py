@@ -6,15 +6,19 @@ matplotlib, which reads the fonts and the images, is imported when such a region
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from farhorizon import kinds
+from farhorizon.arguments import Length, OneOf, Point
 from farhorizon.errors import InputError
 from farhorizon.files.foreign import naming, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant, polygon_side
 
+_File = Annotated[
+    Path, 'Path of an image beside the case file, such as "specimen.png" or a JPEG; its dark pixels are the region.'
+]
 _FONT_SIZE = 1000.0  # at which curves become polygons, accurate to one part in some thousands
 
 
@@ -24,6 +28,7 @@ class Text(Shape):
     Parameters
     ----------
     text : str
+        The text.
     height : float
         Height of a capital letter (of the H of the font).
     centre : array_like, shape (2,), optional
@@ -31,6 +36,7 @@ class Text(Shape):
     font : str
         Name of a font family that matplotlib can find; DejaVu Sans is included with it.
     bold : bool
+        Bold letters.
 
     Raises
     ------
@@ -50,7 +56,7 @@ class Text(Shape):
     _shown = ("text", "height", "centre", "font", "bold")
 
     def __init__(
-        self, text: str, height: float, centre: ArrayLike | None = None, font: str = "DejaVu Sans", bold: bool = False
+        self, text: str, height: Length, centre: Point | None = None, font: str = "DejaVu Sans", bold: bool = False
     ) -> None:
         from matplotlib.font_manager import FontProperties, findfont, get_font
         from matplotlib.textpath import TextPath
@@ -111,7 +117,7 @@ class ImageMask(Shape):
     centre : array_like, shape (2,), optional
         Centre of the whole image; the origin unless given.
     threshold : float
-        Between 0 (black) and 1 (white).
+        Brightness between 0 (black) and 1 (white), of a file: darker pixels belong to the shape.
 
     Attributes
     ----------
@@ -133,10 +139,15 @@ class ImageMask(Shape):
     """
 
     dim = 2
+    tag = "image"
     _shown = ("width", "centre", "threshold")
 
     def __init__(
-        self, image: str | Path | np.ndarray, width: float, centre: ArrayLike | None = None, threshold: float = 0.5
+        self,
+        image: Annotated[str | Path | np.ndarray, OneOf(file=_File)],
+        width: Length,
+        centre: Point | None = None,
+        threshold: float = 0.5,
     ) -> None:
         self.threshold = threshold = kinds.number(threshold, "threshold", above=0, below=1)
         self.width = kinds.number(width, "width", above=0)

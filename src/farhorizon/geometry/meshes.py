@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from farhorizon import kinds
+from farhorizon.arguments import OneOf, Point
 from farhorizon.errors import InputError
 from farhorizon.files.foreign import naming
 from farhorizon.files.triangles import read_triangles
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
+_File = Annotated[Path, 'Path of a closed surface (STL, OBJ, PLY), relative to the case file, such as "part.stl".']
 _SAME = 1e-6  # of the size: corners closer than this are the same, since STL does not number them
 
 
@@ -55,7 +56,9 @@ class Mesh(Shape):
     dim = 3
     _shown = ("scale", "centre")
 
-    def __init__(self, triangles: Any, scale: float = 1.0, centre: ArrayLike | None = None) -> None:
+    def __init__(
+        self, triangles: Annotated[Any, OneOf(file=_File)], scale: float = 1.0, centre: Point | None = None
+    ) -> None:
         factor = kinds.number(scale, "scale", above=0)
         with naming(triangles):
             corners = factor * _corners(triangles)

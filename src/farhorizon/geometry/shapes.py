@@ -13,11 +13,13 @@ through nodes cuts their bonds to one side only, and bonds in the plane of the c
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from farhorizon import kinds
+from farhorizon.arguments import Length, Point, Points, Registered, Toml
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 
@@ -96,15 +98,28 @@ class _Described(Storable):
         return f"{type(self).__name__}({', '.join(f'{n}={v!r}' for n, v in zip(self._shown, shown, strict=True))})"
 
 
-class Shape(_Described):
+class Shape(Registered, _Described):
     """A region of space. Shapes can be combined by ``|`` (union), ``&`` (intersection) and ``-`` (difference).
 
     Attributes
     ----------
     dim : int
         Number of coordinates.
+    tag : str
+        Its key in the table of a region in a case file, with underscores: ``HollowDisc`` is "hollow-disc", its key
+        ``hollow_disc``.
+    known : dict of str to type
+        All shapes that a case file can name, including user-defined ones.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> ring = fh.Disc(2.0) - fh.Disc(1.0)
+    >>> isinstance(ring, fh.Shape), ring.contains([(1.5, 0.0), (0.5, 0.0)])
+    (True, array([ True, False]))
     """
 
+    known: ClassVar[dict[str, type[Shape]]] = {}
     dim: int
 
     def contains(self, points: ArrayLike) -> Mask:
@@ -150,10 +165,10 @@ class Shape(_Described):
         return Difference(self, other) if isinstance(other, Shape) else NotImplemented
 
 
-class _Round(Shape):
+class _Round(Shape, offered=False):
     _shown = ("radius", "centre")
 
-    def __init__(self, radius: float, centre: ArrayLike | None = None) -> None:
+    def __init__(self, radius: Length, centre: Point | None = None) -> None:
         self.radius = kinds.number(radius, "radius", above=0)
         self.centre = constant("centre", np.zeros(self.dim) if centre is None else centre, (self.dim,))
 
@@ -220,7 +235,7 @@ class Box(Shape):
     Parameters
     ----------
     lower, upper : array_like, shape (dim,)
-        Opposite corners, dim 1 to 3 (plain numbers in 1D), every coordinate of `upper` greater than that of `lower`.
+        Smallest and largest coordinate along each of one to three axes (plain numbers in 1D); `upper` is the greater.
 
     Raises
     ------
@@ -237,7 +252,7 @@ class Box(Shape):
 
     _shown = ("lower", "upper")
 
-    def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
+    def __init__(self, lower: Point, upper: Point) -> None:
         first = np.atleast_1d(constant("lower", lower))
         if first.ndim != 1 or len(first) not in (1, 2, 3):
             raise InputError("lower needs 1 to 3 coordinates", value=lower)
@@ -289,7 +304,7 @@ class Polygon(Shape):
     dim = 2
     _shown = ("points",)
 
-    def __init__(self, points: ArrayLike) -> None:
+    def __init__(self, points: Points) -> None:
         corners = _points("points", points, 3)
         if (corners[0] == corners[-1]).all():
             corners = _points("points", corners[:-1], 3)
@@ -340,7 +355,7 @@ def polygon_side(points: Array, corners: Array, slack: float) -> tuple[Mask, Mas
     return odd, on_edge
 
 
-class _Pair(Shape):
+class _Pair(Shape, offered=False):
     _shown = ("first", "second")
 
     def __init__(self, first: Shape, second: Shape) -> None:
@@ -353,7 +368,7 @@ class _Pair(Shape):
         self.first, self.second, self.dim = first, second, first.dim
 
 
-class Union(_Pair):
+class Union(_Pair, offered=False):
     """The region that lies in either of two shapes: ``first | second``.
 
     Parameters
@@ -370,7 +385,7 @@ class Union(_Pair):
         return self.first._contains(points) | self.second._contains(points)
 
 
-class Intersection(_Pair):
+class Intersection(_Pair, offered=False):
     """The region that lies in both of two shapes: ``first & second``.
 
     Parameters
@@ -393,7 +408,7 @@ class Intersection(_Pair):
         return self.first._contains(points) & self.second._contains(points)
 
 
-class Difference(_Pair):
+class Difference(_Pair, offered=False):
     """The region that lies in the first shape and not in the second: ``first - second``.
 
     The surface of the second shape belongs to the second: a node on the edge of a hole is removed.
@@ -677,7 +692,7 @@ class Rectangle(Cut):
     dim = 3
     _shown = ("corner", "edge1", "edge2")
 
-    def __init__(self, corner: ArrayLike, edge1: ArrayLike, edge2: ArrayLike) -> None:
+    def __init__(self, corner: Point, edge1: Point, edge2: Point) -> None:
         self.corner, self.edge1, self.edge2 = (
             constant("corner", corner, (3,)),
             constant("edge1", edge1, (3,)),
@@ -750,7 +765,7 @@ class DiscCut(Cut):
     dim = 3
     _shown = ("centre", "normal", "radius")
 
-    def __init__(self, centre: ArrayLike, normal: ArrayLike, radius: float) -> None:
+    def __init__(self, centre: Point, normal: Annotated[ArrayLike, Toml(list[float])], radius: Length) -> None:
         self.centre, self.normal = constant("centre", centre, (3,)), constant("normal", normal, (3,))
         self.radius = kinds.number(radius, "radius", above=0)
         length = float(_norm(self.normal))

@@ -5,16 +5,19 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from farhorizon import kinds
+from farhorizon.arguments import Length, OneOf, Point, Toml
 from farhorizon.errors import InputError
 from farhorizon.files.foreign import naming, npy, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
+_File = Annotated[
+    Path, 'Path of an array such as "grains.npy", or of a TIFF image or stack of images, relative to the case file.'
+]
 _LISTED = 12  # labels in a message
 
 
@@ -56,10 +59,10 @@ class Voxels(Shape):
 
     def __init__(
         self,
-        voxels: str | Path | np.ndarray,
-        size: float,
-        lower: ArrayLike | None = None,
-        labels: int | Sequence[int] | None = None,
+        voxels: Annotated[str | Path | np.ndarray, OneOf(file=_File)],
+        size: Length,
+        lower: Point | None = None,
+        labels: Annotated[int | Sequence[int] | None, Toml(list[int])] = None,
     ) -> None:
         with naming(voxels):
             given = _read(Path(voxels)) if isinstance(voxels, str | Path) else voxels

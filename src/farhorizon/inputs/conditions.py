@@ -22,11 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, PYTHON_ONLY, REQUIRED, Function, InFile, OneOf, Unit
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice, nodes_in
@@ -37,6 +38,9 @@ from farhorizon.inputs.sources import Source, as_source, space_and_time, steady
 from farhorizon.medium.stencil import Stencil
 
 Where = str | Shape | np.ndarray
+_Side = Annotated[str, 'Side on which it is imposed, such as "x-".']
+_Surface = Annotated[Shape, "Region of a hole, a baffle or a body, on whose surface it acts."]
+_Ambient = Annotated[Any, Function(), Unit(ANY), "Temperature of the fluid; may depend on the coordinates and t."]
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,8 @@ class Temperature(Storable):
     True
     """
 
-    where: Where
-    value: Any
+    where: Annotated[Where, OneOf(side=_Side, region=Annotated[Shape, "Region whose nodes take the value."])]
+    value: Annotated[Any, Function(), Unit(ANY)]
     kind: str = "volume"
     within: Shape | None = None
 
@@ -130,11 +134,11 @@ class Flux(Storable):
     True
     """
 
-    where: str | Shape | None = None
-    value: Any = None
+    where: Annotated[str | Shape | None, OneOf(side=_Side, region=_Surface), InFile(REQUIRED)] = None
+    value: Annotated[Any, Function(), Unit(ANY), InFile(REQUIRED)] = None
     kind: str = "source"
     within: Shape | None = None
-    region: Shape | None = None
+    region: Annotated[Shape | None, PYTHON_ONLY] = None
 
     def __post_init__(self) -> None:
         _settle_surface(self, "value")
@@ -157,8 +161,11 @@ class Insulated(Storable):
     Parameters
     ----------
     where : str
+        A side.
     kind : {"mirror", "layer"}
+        As in `Flux`.
     within : Shape, optional
+        Restricts the condition to nodes in this shape.
 
     Examples
     --------
@@ -173,7 +180,7 @@ class Insulated(Storable):
     True
     """
 
-    where: str
+    where: Annotated[str, OneOf(side=_Side)]
     kind: str = "mirror"
     within: Shape | None = None
 
@@ -195,6 +202,7 @@ class Convection(Storable):
     ambient : float, ndarray, callable, Expression or Source
         Temperature of the fluid; as in `Temperature`.
     within : Shape, optional
+        Restricts the condition to nodes in this shape.
     region : Shape, optional
         In place of `where`; as in `Flux`.
 
@@ -210,11 +218,11 @@ class Convection(Storable):
     0.0
     """
 
-    where: str | Shape | None = None
-    transfer: float | None = None
-    ambient: Any = 0.0
+    where: Annotated[str | Shape | None, OneOf(side=_Side, region=_Surface), InFile(REQUIRED)] = None
+    transfer: Annotated[float | None, Unit("W/(m^2*K)"), InFile(REQUIRED)] = None
+    ambient: Annotated[Any, OneOf(value=_Ambient), InFile(REQUIRED)] = 0.0
     within: Shape | None = None
-    region: Shape | None = None
+    region: Annotated[Shape | None, PYTHON_ONLY] = None
 
     def __post_init__(self) -> None:
         _settle_surface(self, "transfer")

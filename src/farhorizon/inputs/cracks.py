@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Duration, OneOf, Points
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Cut, PointCut, PolygonCut, Polyline
+from farhorizon.geometry.shapes import Cut, DiscCut, PointCut, PolygonCut, Polyline, Rectangle
+
+#: Keys of a case file that give a cut.
+CUT_KEYS = {
+    "points": Annotated[Points, "Points of a polyline (2D), corners of a polygon (3D), or a position (1D)."],
+    "rectangle": Annotated[Rectangle, "Rectangle in 3D: one corner and the two edges from it."],
+    "disc": Annotated[DiscCut, "Disc in 3D: centre, normal and radius."],
+}
 
 
 @dataclass(frozen=True)
@@ -41,9 +49,9 @@ class Crack(Storable):
     True
     """
 
-    cut: Any
+    cut: Annotated[Any, OneOf(**CUT_KEYS)]
     factor: float = 0.0
-    opens: float = 0.0
+    opens: Duration = 0.0
 
     def __post_init__(self) -> None:
         kinds.settle(

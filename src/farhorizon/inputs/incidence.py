@@ -13,6 +13,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.analysis.surface_pulses import FreeSurface
+from farhorizon.arguments import Registered
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
@@ -136,7 +137,7 @@ class Passage(ABC):
         return []
 
 
-class Incident(Storable, ABC):
+class Incident(Registered, Storable, ABC):
     """A wave that is incident on whatever is inside a box.
 
     Attributes
@@ -158,11 +159,6 @@ class Incident(Storable, ABC):
     undamped: ClassVar[bool] = True
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[Incident]]] = {}
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls.tag = kinds.hyphened(cls.__name__)
-        Incident.known[cls.__name__] = cls
 
     @abstractmethod
     def passage(self, region: Region) -> Passage:

@@ -4,19 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Function, OfTime, Registered, Toml, Unit
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import as_signal
 
+_VALUE = "Force per volume, one component per axis, each a function of the coordinates and t."
+
+
+class Load(Registered, Storable):
+    """A force on an elastic medium, or a strain of it.
+
+    A user-defined load is a frozen dataclass that derives from this class and states by `resolved` which of the loads
+    that exist already it is. Its fields are the keys of its table in case files.
+
+    Attributes
+    ----------
+    tag : str
+        Its `type` in a case file: ``BodyForce`` is "body-force".
+    known : dict of str to type
+        All loads by name, including user-defined ones.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> isinstance(fh.BodyForce([0.0, -1.0]), fh.Load), fh.BodyForce.tag
+    (True, 'body-force')
+    """
+
+    known: ClassVar[dict[str, type[Load]]] = {}
+
+    def resolved(self, lattice: Lattice) -> Load:
+        """The load as one of those that exist already, for the nodes of a lattice."""
+        return self
+
 
 @dataclass(frozen=True)
-class BodyForce(Storable):
+class BodyForce(Load):
     """A force per volume in the near field.
 
     Parameters
@@ -43,8 +73,8 @@ class BodyForce(Storable):
     True
     """
 
-    value: Sequence[Any]
-    time: Any = None
+    value: Annotated[Sequence[Any], Toml(list[str | float]), Function(components=True), Unit("N/m^3"), _VALUE]
+    time: OfTime = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.value, np.ndarray):
@@ -53,15 +83,15 @@ class BodyForce(Storable):
 
 
 @dataclass(frozen=True)
-class Traction(Storable):
+class Traction(Load):
     """A force per area on a free side, applied to its outermost nodes as a force per volume, value / spacing.
 
     Parameters
     ----------
     side : str
-        "x-", "y+", ...
+        Free side on which it acts, such as "x-" or "y+".
     value : sequence of float
-        One component per axis.
+        Force per area, one component per axis.
     between : sequence of (float, float), optional
         Range in which it acts, along each of the other axes in their order; the whole side unless given. Nodes at
         either end are included.
@@ -87,9 +117,9 @@ class Traction(Storable):
     """
 
     side: str
-    value: Sequence[float]
-    between: Sequence[tuple[float, float]] | None = None
-    time: Any = None
+    value: Annotated[Sequence[float], Unit("Pa")]
+    between: Annotated[Sequence[tuple[float, float]] | None, Unit("m")] = None
+    time: OfTime = None
 
     def __post_init__(self) -> None:
         kinds.one_of(self.side, "load.side", [axis + sign for axis in AXES for sign in "-+"], "unknown side")

@@ -12,11 +12,12 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, OfTime, Registered, Unit
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
@@ -32,7 +33,7 @@ _SYMMETRIC = 1e-6  # of the largest entry: tensors in catalogues have six digits
 _ANGLES = ("strike", "dip", "rake")
 
 
-class LocalSource(Storable, ABC):
+class LocalSource(Registered, Storable, ABC):
     """A source at its own location, which need not coincide with lattice nodes.
 
     Attributes
@@ -45,11 +46,6 @@ class LocalSource(Storable, ABC):
 
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[LocalSource]]] = {}
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls.tag = kinds.hyphened(cls.__name__)
-        LocalSource.known[cls.__name__] = cls
 
     @abstractmethod
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
@@ -198,9 +194,9 @@ class PointSource(LocalSource):
     1.0
     """
 
-    at: Sequence[float] | float
-    strength: float = 1.0
-    time: Any = None
+    at: Annotated[Sequence[float] | float, Unit("m")]
+    strength: Annotated[float, Unit(ANY)] = 1.0
+    time: OfTime = None
     interpolation: str = "sinc"
 
     def __post_init__(self) -> None:
@@ -248,9 +244,9 @@ class PointForce(LocalSource):
     [0.0, -2.0]
     """
 
-    at: Sequence[float]
-    force: Sequence[float]
-    time: Any = None
+    at: Annotated[Sequence[float], Unit("m")]
+    force: Annotated[Sequence[float], Unit(ANY)]
+    time: OfTime = None
     interpolation: str = "sinc"
 
     def __post_init__(self) -> None:
@@ -312,9 +308,9 @@ class MomentTensor(LocalSource):
     [[1.0, 0.0], [0.0, 1.0]]
     """
 
-    at: Sequence[float]
-    moment: float | Sequence[Sequence[float]]
-    time: Any = None
+    at: Annotated[Sequence[float], Unit("m")]
+    moment: Annotated[float | Sequence[Sequence[float]], Unit(ANY)]
+    time: OfTime = None
     strike: float | None = None
     dip: float | None = None
     rake: float | None = None
@@ -434,9 +430,9 @@ class LineSource(LocalSource):
     15.0
     """
 
-    points: Sequence[Sequence[float]]
-    strength: float | Sequence[float]
-    time: Any = None
+    points: Annotated[Sequence[Sequence[float]], Unit("m")]
+    strength: Annotated[float | Sequence[float], Unit(ANY)]
+    time: OfTime = None
     interpolation: str = "sinc"
 
     def __post_init__(self) -> None:

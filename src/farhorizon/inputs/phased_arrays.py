@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, Length, OfTime, Speed, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import as_points
 from farhorizon.geometry.lattice import Lattice
@@ -64,16 +65,16 @@ class PhasedArray(LocalSource):
     [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0]
     """
 
-    first: Sequence[float]
-    last: Sequence[float]
+    first: Annotated[Sequence[float], Unit("m")]
+    last: Annotated[Sequence[float], Unit("m")]
     elements: int
-    strength: float | Sequence[float]
-    time: Any
-    speed: float | None = None
-    focus: Sequence[float] | None = None
+    strength: Annotated[float | Sequence[float], Unit(ANY)]
+    time: OfTime
+    speed: Speed | None = None
+    focus: Annotated[Sequence[float] | None, Unit("m")] = None
     angle: float | None = None
-    width: float | None = None
-    across: Sequence[float] | None = None
+    width: Length | None = None
+    across: Annotated[Sequence[float] | None, Unit("m")] = None
     interpolation: str = "sinc"
 
     def __post_init__(self) -> None:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import FIELD, RATE, Duration, Function, OneOf, Points, Unit
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import Expression, as_signal
 from farhorizon.medium.integrators import Integrator, RungeKutta4, RungeKuttaChebyshev
+
+_OF_TIMES = Function(place=False, components=True)
+_VALUE = "Value as a function of t; for displacements a list with one entry per axis, false for a free component."
 
 
 @dataclass(frozen=True)
@@ -69,11 +73,17 @@ class Prescribed(Storable):
     True
     """
 
-    where: Any
-    value: Any = None
-    until: float | None = None
-    rate: Any = None
-    velocity: Any = None
+    where: Annotated[
+        Any,
+        OneOf(
+            points=Annotated[Points, "Points, each replaced by the nearest node."],
+            region=Annotated[Shape, "Region that contains the nodes."],
+        ),
+    ]
+    value: Annotated[Any, _OF_TIMES, Unit(FIELD), _VALUE] = None
+    until: Duration | None = None
+    rate: Annotated[Any, _OF_TIMES, Unit(RATE)] = None
+    velocity: Annotated[Any, _OF_TIMES, Unit(RATE)] = None
 
     def __post_init__(self) -> None:
         if (self.value is None) == (self.velocity is None):

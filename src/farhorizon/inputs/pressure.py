@@ -10,17 +10,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import OfTime, OneOf, Toml, Unit
 from farhorizon.errors import InputError, shown
-from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice, nodes_in
 from farhorizon.geometry.shapes import Cut, Shape
-from farhorizon.inputs.cracks import Crack, as_crack, cut_bonds
+from farhorizon.inputs.cracks import CUT_KEYS, Crack, as_crack, cut_bonds
 from farhorizon.inputs.expressions import as_signal
+from farhorizon.inputs.loads import Load
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
@@ -31,7 +32,7 @@ _Faces = Iterator[np.ndarray]
 
 
 @dataclass(frozen=True)
-class Pressure(Storable):
+class Pressure(Load):
     r"""A pressure in a crack, or in a hole of the body.
 
     Parameters
@@ -40,8 +41,8 @@ class Pressure(Storable):
         A crack of the set-up, or a part of one, given as in `cracks`: the pressure acts on its faces; or a region of
         the body without nodes: it acts on the rim.
     value : float or array_like, shape (dim, dim)
-        Force per area, positive if it presses the faces apart; for a symmetric tensor P the traction is :math:`-P n` on
-        a face whose normal n points away from the body.
+        Force per area, positive if it presses the faces apart; for a symmetric tensor P the traction is ``-P n`` on a
+        face whose normal n points away from the body.
     time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
 
@@ -73,9 +74,11 @@ class Pressure(Storable):
     True
     """
 
-    on: Any
-    value: Any
-    time: Any = None
+    on: Annotated[
+        Any, OneOf(**CUT_KEYS, region=Annotated[Shape, "A hole of the body instead: a region without nodes."])
+    ]
+    value: Annotated[Any, Toml(float | list[list[float]]), Unit("Pa")]
+    time: OfTime = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.on, Cut | Crack | Shape):

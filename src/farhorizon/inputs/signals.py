@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from farhorizon import kinds
+from farhorizon.arguments import Duration, Frequency, Registered
 from farhorizon.errors import InputError
 from farhorizon.files.foreign import naming, npy, reading
 from farhorizon.files.storable import Storable
@@ -29,7 +30,7 @@ _FEWEST = 4  # samples that a cubic spline needs
 _PAD = 24  # samples added at each end, over which its effect on the spline's coefficients decays: 0.27**24 = 2e-14
 
 
-class Signal(Storable, ABC):
+class Signal(Registered, Storable, ABC):
     """A factor of time that begins at rest and has a known spectrum.
 
     A user-defined signal is a frozen dataclass that derives from this class and defines `end`, ``__call__`` and
@@ -51,11 +52,6 @@ class Signal(Storable, ABC):
 
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[Signal]]] = {}
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls.tag = kinds.hyphened(cls.__name__)
-        Signal.known[cls.__name__] = cls
 
     @property
     @abstractmethod
@@ -170,8 +166,8 @@ class Ricker(_Pulse):
     (0.75, 1.0, 5.75)
     """
 
-    frequency: float
-    delay: float | None = None
+    frequency: Frequency
+    delay: Duration | None = None
 
     def __post_init__(self) -> None:
         kinds.settle(self, frequency=_number(self.frequency, self, "frequency", above=0))
@@ -220,8 +216,8 @@ class Gaussian(_Pulse):
     (9.0, 1.0)
     """
 
-    width: float
-    delay: float | None = None
+    width: Duration
+    delay: Duration | None = None
 
     def __post_init__(self) -> None:
         kinds.settle(self, width=_number(self.width, self, "width", above=0))
@@ -287,7 +283,7 @@ class ToneBurst(Signal):
     (1.0, 0.0, 0.0)
     """
 
-    frequency: float
+    frequency: Frequency
     cycles: float
 
     def __post_init__(self) -> None:
@@ -338,7 +334,7 @@ class Step(Signal):
     [0.0, 0.5, 1.0, 1.0]
     """
 
-    rise: float
+    rise: Duration
 
     def __post_init__(self) -> None:
         kinds.settle(self, rise=_number(self.rise, self, "rise", above=0))
@@ -387,9 +383,9 @@ class Chirp(Signal):
     True
     """
 
-    first: float
-    last: float
-    duration: float
+    first: Frequency
+    last: Frequency
+    duration: Duration
 
     def __post_init__(self) -> None:
         for name in ("first", "last", "duration"):
@@ -475,7 +471,7 @@ class Samples(Signal):
     """
 
     values: Sequence[float] | np.ndarray | Path
-    dt: float
+    dt: Duration
 
     def __post_init__(self) -> None:
         dt = _number(self.dt, self, "dt", above=0)
@@ -539,7 +535,7 @@ class Samples(Signal):
         return np.asarray(self._spline.c[1:-1])
 
 
-class Delayed(Signal):
+class Delayed(Signal, offered=False):
     """A signal with a delay, as emitted by one element of an array.
 
     Parameters

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, Function, OfTime, Unit
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
@@ -18,6 +19,8 @@ from farhorizon.inputs.expressions import Expression, as_given, as_signal
 #: parts, overflow, and those of smaller ones vanish. In single precision the range leaves room for the coefficients by
 #: which squares are multiplied.
 _RANGES = {"float64": (0.0, 1e150), "float32": (1e-15, 1e15)}
+
+_IN_FILE = "The term, a function of the coordinates and t; for vectors a list with one entry per component."
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Source(Storable):
         (without), an expression of x, y, z, t, or a number. For a vector field this is a body force: arrays and return
         values of callables have the components first.
     time : callable, str, Expression or float, optional
-        Factor of t. A source that is a product of space and time runs without returning to Python.
+        Factor of t; 1 unless given. A source that is a product of space and time runs without returning to Python.
 
     Raises
     ------
@@ -49,8 +52,8 @@ class Source(Storable):
     True
     """
 
-    value: Any
-    time: Any = None
+    value: Annotated[Any, Function(components=True, field=True), Unit(ANY), _IN_FILE]
+    time: OfTime = None
 
     def __post_init__(self) -> None:
         if self.time is not None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, OneOf, Unit
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice, nodes_in
@@ -42,8 +44,8 @@ class Specimen(Storable):
     49
     """
 
-    where: Shape | np.ndarray
-    concentration: float = 1.0
+    where: Annotated[Shape | np.ndarray, OneOf(region=Annotated[Shape, "Region of the metal."])]
+    concentration: Annotated[float, Unit(ANY)] = 1.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.where, Shape):

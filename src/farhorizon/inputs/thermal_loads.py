@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import PYTHON_ONLY, REQUIRED, Duration, Function, InFile, Unit
 from farhorizon.errors import InputError
-from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.loads import Load
 from farhorizon.models.model import material_constant
 
 _SIDES = [axis + side for axis in "xyz" for side in "-+"]
 
 
 @dataclass(frozen=True)
-class ThermalLoad(Storable):
+class ThermalLoad(Load):
     r"""Strains caused by a temperature, :math:`\alpha\,(T - T_0)` in all directions.
 
     These strains cause no force: the force in a bond follows from its stretch minus the mean thermal strain of its two
@@ -78,13 +79,14 @@ class ThermalLoad(Storable):
     True
     """
 
-    temperature: Any
-    expansion: Any = None
-    reference: float | None = None
-    every: float | None = None
-    coupled: bool = False
-    joint: Sequence[str] = ()
-    contact_conductance: float = 0.0
+    tag: ClassVar[str] = "thermal"
+    temperature: Annotated[Any, Function(), Unit("K"), "Temperature, a function of the coordinates and t."]
+    expansion: Annotated[Any, Function(time=False), Unit("1/K"), InFile(REQUIRED)] = None
+    reference: Annotated[float | None, Unit("K"), InFile(REQUIRED)] = None
+    every: Duration | None = None
+    coupled: Annotated[bool, PYTHON_ONLY] = False
+    joint: Annotated[Sequence[str], PYTHON_ONLY] = ()
+    contact_conductance: Annotated[float, PYTHON_ONLY] = 0.0
 
     def __post_init__(self) -> None:
         given = {"expansion": self.expansion, "reference": self.reference}

@@ -11,6 +11,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.surface_pulses import SurfacePulse
+from farhorizon.arguments import Duration, OfTime
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.expressions import as_signal
@@ -41,8 +42,8 @@ class TravellingWave(Incident):
     """
 
     direction: Sequence[float]
-    signal: Any
-    duration: float
+    signal: OfTime
+    duration: Duration
 
     def __post_init__(self) -> None:
         kinds.settle(

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon import kinds
+from farhorizon.arguments import Length
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 
@@ -31,13 +32,13 @@ class Kernel(Storable):
     Parameters
     ----------
     horizon : float
-        Radius of the family.
+        Radius of the family, within which nodes interact; three spacings are usual.
     exponent : int
-        p in ``w(r) / r^p``, 0 to 3.
+        p in the weight ``w(r) / r^p`` of a bond, 0 to 3.
     influence : {"constant", "linear", "gaussian"} or callable
-        w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon; or a function of r/horizon that
-        accepts arrays, from 0 to 1, and half a spacing further with the ramp. Integrals over such a function are sums
-        over `POINTS` points, exact to rounding error if it is smooth.
+        Influence function w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon; or a function
+        of r/horizon that accepts arrays, from 0 to 1, and half a spacing further with the ramp. Integrals over such a
+        function are sums over `POINTS` points, exact to rounding error if it is smooth.
     width : float, optional
         Width of the Gaussian, horizon / 3 unless given.
     volume : {"ramp", "full"}
@@ -62,10 +63,10 @@ class Kernel(Storable):
     array([1.   , 0.717])
     """
 
-    horizon: float
+    horizon: Length
     exponent: int = 2
     influence: str | Callable[[np.ndarray], np.ndarray] = "constant"
-    width: float | None = None
+    width: Length | None = None
     volume: str = "ramp"
     calibrate: bool = True
 

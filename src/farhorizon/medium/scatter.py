@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, Length, Unit
 from farhorizon.files.storable import Storable
 
 _BESIDE = 1e-6  # shift of the cell edges, in cells, so that nodes half a cell from a middle do not lie on one
@@ -55,9 +56,10 @@ class Weibull(Storable):
     0.37
     """
 
-    scale: float
+    tag: ClassVar[str] = "weibull"
+    scale: Annotated[float, Unit(ANY)]
     modulus: float
-    cell: float
+    cell: Length
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency, Unit
 from farhorizon.errors import InputError
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.stencil import Stencil
@@ -44,7 +45,7 @@ class Beam(LatticeModel):
     combinations = "Exact"
     bonds = False
 
-    def __init__(self, stiffness: float = 1.0, damping: float = 0.0) -> None:
+    def __init__(self, stiffness: Annotated[float, Unit("m^4/s^2")] = 1.0, damping: Frequency = 0.0) -> None:
         self.stiffness = kinds.number(stiffness, "model.stiffness", above=0)
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.coefficient = self.stiffness

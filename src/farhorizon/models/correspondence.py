@@ -9,11 +9,12 @@ from dataclasses import replace
 from typing import ClassVar
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency
 from farhorizon.errors import InputError
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models.elastic import Elastic
-from farhorizon.models.model import Constant
+from farhorizon.models.model import Constant, Density, Modulus
 
 SHAPE_TENSORS = ("recomputed", "published", "kept")
 
@@ -34,7 +35,8 @@ class Correspondence(Elastic):
     kernel : Kernel
         Influence function times volume; its scale is irrelevant.
     young, poisson, density : float, str, ndarray or callable
-        May vary: an expression or a function of the coordinates, or the values at the nodes.
+        Young's modulus, Poisson's ratio, mass per volume. They may vary: an expression or a function of the
+        coordinates, or the values at the nodes.
     plane : {"strain", "stress"}, optional
         Plane strain or plane stress in two dimensions; "strain" unless given.
     critical_stretch : float, str, ndarray or callable, optional
@@ -83,14 +85,14 @@ class Correspondence(Elastic):
     def __init__(
         self,
         kernel: Kernel,
-        young: Constant,
+        young: Modulus,
         poisson: Constant,
         *,
-        density: Constant = 1.0,
+        density: Density = 1.0,
         plane: str | None = None,
         critical_stretch: Constant | None = None,
         shape_tensor: str = "recomputed",
-        drag: float = 0.0,
+        drag: Frequency = 0.0,
         stabilisation: float = 0.0,
         contact: bool = False,
     ) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import ANY, Unit
 from farhorizon.errors import InputError
 from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
@@ -70,9 +73,9 @@ class Corrosion(LatticeModel):
     def __init__(
         self,
         operator: Kernel | Stencil,
-        diffusivity: float = 1.0,
+        diffusivity: Annotated[float, Unit("m^2/s")] = 1.0,
         *,
-        saturation: float,
+        saturation: Annotated[float, Unit(ANY)],
         interface: float = 0.1,
         integrator: str | Integrator = "euler",
         limited: bool = False,

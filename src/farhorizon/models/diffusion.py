@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
+from farhorizon.arguments import Unit
 from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -45,7 +46,10 @@ class Diffusion(LatticeModel):
     constants = ("diffusivity",)
 
     def __init__(
-        self, operator: Kernel | Stencil, diffusivity: Constant = 1.0, integrator: str | Integrator = "euler"
+        self,
+        operator: Kernel | Stencil,
+        diffusivity: Annotated[Constant, Unit("m^2/s")] = 1.0,
+        integrator: str | Integrator = "euler",
     ) -> None:
         super().__init__(operator)
         self._set(diffusivity=material_constant(diffusivity, "model.diffusivity", follows=True))

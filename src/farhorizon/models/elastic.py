@@ -9,11 +9,12 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency, Unit
 from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
 from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states, energy_of_bonds
@@ -36,7 +37,7 @@ from farhorizon.medium.solids import (
 )
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
-from farhorizon.models.model import Constant, LatticeModel, Ordered, material_constant
+from farhorizon.models.model import Constant, Density, LatticeModel, Modulus, Ordered, material_constant
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _BREAKABLE = MATERIALS[:3]
@@ -147,19 +148,19 @@ class Elastic(LatticeModel):
     def __init__(
         self,
         kernel: Kernel | Stencil | None = None,
-        young: Constant | None = None,
+        young: Modulus | None = None,
         poisson: Constant | None = None,
         *,
-        bulk: Constant | None = None,
-        shear: Constant | None = None,
-        density: Constant = 1.0,
+        bulk: Modulus | None = None,
+        shear: Modulus | None = None,
+        density: Density = 1.0,
         material: str = "bond-based",
         plane: str | None = None,
-        damping: float = 0.0,
+        damping: Frequency = 0.0,
         stabilisation: float = 0.0,
         nonlinear: bool = False,
         critical_stretch: Constant | None = None,
-        fracture_energy: Constant | None = None,
+        fracture_energy: Annotated[Constant | None, Unit("J/m^2")] = None,
         softening: str | None = None,
         contact: bool | None = None,
     ) -> None:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Unit
 from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import Constant, LatticeModel, first_order, material_constant
+from farhorizon.models.model import Constant, Density, LatticeModel, first_order, material_constant
 
 SELF_TERMS = ("centre", "neighbour", "none")
 
@@ -71,9 +72,9 @@ class Heat(LatticeModel):
     def __init__(
         self,
         operator: Kernel | Stencil,
-        density: Constant = 1.0,
-        specific_heat: Constant = 1.0,
-        conductivity: Constant = 1.0,
+        density: Density = 1.0,
+        specific_heat: Annotated[Constant, Unit("J/(kg*K)")] = 1.0,
+        conductivity: Annotated[Constant, Unit("W/(m*K)")] = 1.0,
         integrator: str | Integrator = "euler",
         self_term: str = "centre",
     ) -> None:

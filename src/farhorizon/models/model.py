@@ -8,12 +8,13 @@ import copy
 import functools
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol, Self, get_args
+from typing import Annotated, Any, ClassVar, Protocol, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from farhorizon import kinds
+from farhorizon.arguments import Function, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
@@ -27,7 +28,9 @@ from farhorizon.medium.variation import Variation
 #: Values by which nodes are ordered, and their constants by name.
 Ordered = tuple[np.ndarray, dict[str, np.ndarray]]
 #: Constant of a material: a number, or an expression, a function of the coordinates or values at the nodes.
-Constant = float | str | Weibull | OfField | Callable[..., Any] | NDArray[np.float64]
+Constant = Annotated[float | str | Weibull | OfField | Callable[..., Any] | NDArray[np.float64], Function(time=False)]
+Density = Annotated[Constant, Unit("kg/m^3")]
+Modulus = Annotated[Constant, Unit("Pa")]
 _TAKEN = ("type", "stencil", "stages", "of")  # keys of a case file's table that are not parameters of the model
 
 

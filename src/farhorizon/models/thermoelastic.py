@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from farhorizon import kinds
+from farhorizon.arguments import Unit
 from farhorizon.errors import InputError
 from farhorizon.models.elastic import Elastic
 from farhorizon.models.heat import Heat
@@ -80,10 +81,10 @@ class Thermoelastic(LatticeModel):
         self,
         elastic: Elastic,
         heat: Heat,
-        expansion: Constant | None = None,
-        reference: float | None = None,
+        expansion: Annotated[Constant | None, Unit("1/K")] = None,
+        reference: Annotated[float | None, Unit("K")] = None,
         coupled: bool = True,
-        contact_conductance: float = 0.0,
+        contact_conductance: Annotated[float, Unit("W/(m^2*K)")] = 0.0,
     ) -> None:
         self.elastic = kinds.instance(elastic, "model.elastic", Elastic, "an Elastic solid", remedy="Elastic(...)")
         self.heat = self.of_temperature = kinds.instance(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequency, Unit
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import Constant, LatticeModel, material_constant
+from farhorizon.models.model import Constant, Density, LatticeModel, material_constant
 
 
 class Wave(LatticeModel):
@@ -51,7 +52,12 @@ class Wave(LatticeModel):
     )
 
     def __init__(
-        self, operator: Kernel | Stencil, speed: Constant = 1.0, damping: float = 0.0, *, density: Constant = 1.0
+        self,
+        operator: Kernel | Stencil,
+        speed: Annotated[Constant, Unit("m/s")] = 1.0,
+        damping: Frequency = 0.0,
+        *,
+        density: Density = 1.0,
     ) -> None:
         super().__init__(operator)
         self.damping = kinds.number(damping, "model.damping", least=0)

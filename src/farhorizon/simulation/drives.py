@@ -14,7 +14,7 @@ from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
-from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.loads import Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.pressure import Pressure, pressing_force
@@ -312,7 +312,7 @@ def _largest_at(size: Callable[..., np.ndarray], at: Sequence[np.ndarray], t: fl
     return float(size(*at, t).max())
 
 
-def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:
+def _of_load(load: Any, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:
     """Return a load as a source, its force per volume."""
     lattice = setup.lattice
     if isinstance(load, Traction):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import repeat
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from farhorizon.analysis.radiation import (
     waves_sent,
 )
 from farhorizon.analysis.references.driven import DrivenLattice
+from farhorizon.arguments import Frequencies, InFile, Points, Toml
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
@@ -71,10 +72,12 @@ class FarField(Recorder):
     points : array_like, shape (P, dim), or (P,) in 1D, optional
         Receivers outside the box, whose records are written to results files.
     directions : int or array_like, shape (D, dim)
-        Directions of the pattern that is written to results files, as in `pattern`.
-    history : bool
+        Number of directions of the pattern that is written to results files, evenly spaced from the x axis, in 3D in
+        each of the planes xy, yz and zx; or the directions, as in `pattern`.
+    history : bool, optional
         Keep the values on the shell for all steps, which `at` and `points` require: 8 bytes for each step, node and
-        component. Spectra alone need memory by frequency only.
+        component. Spectra alone need memory by frequency only. None for what `points` and `frequencies` require, as in
+        a case file that does not give it.
     name : str
         Name that distinguishes several of them in one run, in files and pictures.
 
@@ -115,23 +118,26 @@ class FarField(Recorder):
     (1, 1, 8)
     """
 
+    several: ClassVar[bool] = False
     shared = True
 
     def __init__(
         self,
         box: Box | None = None,
-        frequencies: Any = (),
-        points: Any = None,
-        directions: Any = 180,
-        history: bool = True,
+        frequencies: Frequencies = (),
+        points: Points | None = None,
+        directions: Annotated[Any, Toml(int)] = 180,
+        history: Annotated[bool | None, InFile(None)] = True,
         name: str = "far_field",
     ) -> None:
         self.box = None if box is None else kinds.instance(box, "far_field.box", Box, "a Box")
         self.frequencies = np.atleast_1d(kinds.array(frequencies, "far_field.frequencies"))
         self.points = None if points is None else kinds.array(points, "far_field.points")
         self.directions = directions
-        self.history, self.name = kinds.flag(history, "far_field.history"), recorder_name(name)
-        if self.points is not None or not self.frequencies.size:
+        needed = self.points is not None or not self.frequencies.size
+        self.history = needed if history is None else kinds.flag(history, "far_field.history")
+        self.name = recorder_name(name)
+        if needed:
             check_kept(self.history, "history = true, or frequencies without points")
         self.notes: list[str] = []
         self._steps = -1

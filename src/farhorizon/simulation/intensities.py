@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.fracture.interaction import InteractionDomain
 from farhorizon.analysis.fracture.near_tip import NearTip
+from farhorizon.arguments import Points, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import Parts
@@ -83,7 +84,11 @@ class StressIntensity(RowRecorder):
     shared = True
 
     def __init__(
-        self, tips: Any = None, radii: tuple[float, float] | None = None, every: int = 1, name: str = "stress_intensity"
+        self,
+        tips: Points | None = None,
+        radii: Annotated[tuple[float, float] | None, Unit("m")] = None,
+        every: int = 1,
+        name: str = "stress_intensity",
     ) -> None:
         super().__init__(name)
         self.tips = None if tips is None else np.atleast_2d(kinds.array(tips, "stress_intensity.tips"))

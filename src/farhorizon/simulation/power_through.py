@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.sparse import csr_array
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequencies, OneOf
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.flux import bonds_left, plane
 from farhorizon.simulation.fourier_sums import FourierSums
-from farhorizon.simulation.recorder import Arrays, Heard, RowRecorder, Wanted, check_begun
+from farhorizon.simulation.recorder import Arrays, Heard, Plane, RowRecorder, Wanted, check_begun
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.spectra import as_frequencies, check_frequencies
 from farhorizon.simulation.state_power import NodeStates, states_at
@@ -90,7 +91,16 @@ class PowerThrough(RowRecorder):
 
     shared = unbroken = True
 
-    def __init__(self, surfaces: Any, frequencies: Any = (), name: str = "power") -> None:
+    tag: ClassVar[str] = "power"
+
+    def __init__(
+        self,
+        surfaces: Annotated[
+            Any, OneOf(region=Annotated[Shape, "Region whose outgoing power is recorded."], plane=Plane)
+        ],
+        frequencies: Frequencies = (),
+        name: str = "power",
+    ) -> None:
         super().__init__(name)
         alone = isinstance(surfaces, Shape) or (
             isinstance(surfaces, tuple) and bool(surfaces) and isinstance(surfaces[0], str)

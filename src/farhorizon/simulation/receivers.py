@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Makes, OneOf, Points
 from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import (
     INTERPOLATIONS,
@@ -23,6 +24,13 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
 from farhorizon.simulation.recorder import Arrays, Heard, RowRecorder, Wanted
 from farhorizon.simulation.setup import Setup
+
+#: Keys of a case file that give points.
+POINT_KEYS = {
+    "points": Annotated[Points, "Points, on nodes or between them."],
+    "line": Annotated[Any, Makes(points_on_line), "Points along a line."],
+    "grid": Annotated[Any, Makes(points_on_grid), "Points on a grid."],
+}
 
 
 class Receivers(RowRecorder):
@@ -89,7 +97,7 @@ class Receivers(RowRecorder):
 
     def __init__(
         self,
-        points: Any,
+        points: Annotated[Any, OneOf(**POINT_KEYS)],
         record: str | Sequence[str] = ("u",),
         every: int = 1,
         interpolation: str = "sinc",

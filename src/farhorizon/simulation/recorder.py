@@ -5,11 +5,12 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Length, Registered
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import Blocks
@@ -57,13 +58,19 @@ class Heard(NamedTuple):
     blocks: tuple[np.ndarray, ...]
 
 
-class Recorder(ABC):
+class Recorder(Registered, ABC):
     """An object that records a run in every step of the compiled loop; it is passed to a run in ``observe=[...]``.
 
     A recorder serves one run at a time: when passed to another one, it discards what it has recorded.
 
     Attributes
     ----------
+    tag : str
+        Its table in a case file, with underscores: ``CrackTips`` is "crack-tips", its table ``[[crack_tips]]``.
+    known : dict of str to type
+        All recorders by name, including user-defined ones.
+    several : bool
+        Whether a case file has a list of its tables; otherwise one table.
     name : str
         Name by which results and checkpoints identify it.
     run : int
@@ -77,6 +84,8 @@ class Recorder(ABC):
         whole lattice and is the same on all of them.
     """
 
+    known: ClassVar[dict[str, type[Recorder]]] = {}
+    several: ClassVar[bool] = True
     name: str
     notes: list[str]
     doubts: Sequence[str] = ()
@@ -122,7 +131,7 @@ class Recorder(ABC):
             Quantities that this run cannot provide.
         """
 
-    def foresee(self, until: float, steps: int) -> None:  # noqa: B027
+    def foresee(self, until: float, steps: int) -> None:
         """Examine a run to a given time, of the given total number of steps, as `run` does first.
 
         Raises
@@ -148,6 +157,21 @@ class Recorder(ABC):
     @abstractmethod
     def take(self, state: Arrays) -> None:
         """Restore a state that `state` returned."""
+
+
+class Plane(NamedTuple):
+    """A plane across an axis.
+
+    Parameters
+    ----------
+    axis : str
+        Normal of the plane: x, y or z.
+    position : float
+        Coordinate of the plane along its normal.
+    """
+
+    axis: str
+    position: Length
 
 
 class RowRecorder(Recorder):

@@ -18,7 +18,7 @@ from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.cracks import as_crack
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.incidence import Incident
-from farhorizon.inputs.loads import BodyForce, Traction
+from farhorizon.inputs.loads import BodyForce, Load, Traction
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
@@ -63,7 +63,7 @@ def wanted_threads(threads: int | None) -> int:
 
 def _settled_source(source: Any, dim: int, key: str) -> Any:
     """Return a source with every text in it converted to an expression."""
-    if isinstance(source, BodyForce | Traction | Pressure | ThermalLoad):
+    if isinstance(source, Load):
         raise InputError(
             "a load is not a source",
             value=source,
@@ -146,7 +146,7 @@ constraints, balance, specimens, loads
     constraints: Sequence[Constraint | Prescribed] = ()
     balance: bool = False
     specimens: Sequence[Specimen] = ()
-    loads: Sequence[BodyForce | Traction | Pressure | ThermalLoad] = ()
+    loads: Sequence[Load] = ()
 
     def __post_init__(self) -> None:
         lattice = kinds.instance(self.lattice, "lattice", Lattice, "a Lattice")
@@ -180,10 +180,13 @@ constraints, balance, specimens, loads
                 key="rim",
                 remedy="give the lattice a body, or fix the sides: Fixed(...)",
             )
+        loads: list[Load] = []
         for i, load in enumerate(self.loads):
-            loads = (BodyForce, Traction, Pressure, ThermalLoad)
             remedy = "sources=[...]" if isinstance(load, Source | LocalSource | Incident) else ""
-            kinds.instance(load, f"load[{i}]", loads, "a BodyForce, Traction, Pressure or ThermalLoad", remedy)
+            words = "a BodyForce, Traction, Pressure or ThermalLoad"
+            known = kinds.instance(load, f"load[{i}]", Load, words, remedy).resolved(lattice)
+            loads.append(kinds.instance(known, f"load[{i}]", (BodyForce, Traction, Pressure, ThermalLoad), words))
+        kinds.settle(self, loads=tuple(loads))
         self._settle_heat()
         kinds.settle(
             self,

@@ -207,9 +207,7 @@ def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dic
     return found
 
 
-def _load_on(
-    part: Lattice, load: BodyForce | Traction | Pressure | ThermalLoad, number: int, setup: Setup, model: LatticeModel
-) -> BodyForce | Traction | ThermalLoad:
+def _load_on(part: Lattice, load: Any, number: int, setup: Setup, model: LatticeModel) -> Any:
     """Return a load on a part of the lattice; a pressure, which needs both sides of its faces, is converted to its
     forces.
     """

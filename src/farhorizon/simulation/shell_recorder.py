@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from farhorizon import kinds
@@ -60,6 +62,7 @@ class ShellRecorder(RowRecorder):
     True
     """
 
+    tag: ClassVar[str] = "shell"
     shared = unbroken = True
 
     def __init__(self, box: Box | None = None, name: str = "shell") -> None:

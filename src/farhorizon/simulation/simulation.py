@@ -19,11 +19,9 @@ from farhorizon.errors import InputError
 from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
-from farhorizon.inputs.loads import BodyForce, Traction
+from farhorizon.inputs.loads import Load
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.specimens import Specimen
-from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.machine import uninterrupted
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, assemble_shared
@@ -162,7 +160,7 @@ class Simulation(Run):
         constraints: Sequence[Constraint | Prescribed] = (),
         balance: bool = False,
         specimens: Sequence[Specimen] = (),
-        loads: Sequence[BodyForce | Traction | Pressure | ThermalLoad] = (),
+        loads: Sequence[Load] = (),
         communicator: Any = None,
         topology: Sequence[int] | None = None,
     ) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import Frequencies, OneOf
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
@@ -18,8 +19,8 @@ from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.quantities import QUANTITIES, Reading
-from farhorizon.simulation.receivers import check_blocks, moduli_at
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, recorder_name
+from farhorizon.simulation.receivers import POINT_KEYS, check_blocks, moduli_at
+from farhorizon.simulation.recorder import Arrays, Heard, Plane, Recorder, Wanted, check_begun, recorder_name
 from farhorizon.simulation.setup import Setup
 
 _LINEAR = [name for name, quantity in QUANTITIES.items() if not quantity.moving]
@@ -83,8 +84,10 @@ class Spectra(Recorder):
 
     def __init__(
         self,
-        where: Any,
-        frequencies: Any,
+        where: Annotated[
+            Any, OneOf(**POINT_KEYS, region=Annotated[Shape, "Region all of whose nodes are recorded."], plane=Plane)
+        ],
+        frequencies: Frequencies,
         record: str | Sequence[str] = ("u",),
         every: int = 1,
         interpolation: str = "sinc",

@@ -1,0 +1,119 @@
+"""Tables of a case file as objects: the arguments that its keys give, and what is made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+from farhorizon.arguments import Function
+from farhorizon.case.schema import Argument, Option, Part, under
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.expressions import as_given, as_signal
+from farhorizon.medium.of_field import names_field
+
+Made = TypeVar("Made")
+
+
+class Reader(NamedTuple):
+    """Reads tables for a lattice of `dim` dimensions and a field with one component per dimension if `vector`,
+    otherwise one.
+    """
+
+    dim: int
+    vector: bool = False
+
+    def made(self, part: Part, key: str, **others: Any) -> Any:
+        """The object that a table describes, given also by `others`; an InputError names the key."""
+        if type(part).MAKER is Shape:
+            return self.region(part, key)
+        given: dict[str, Any] = {}
+        for name, argument in part.ARGUMENTS.items():
+            given |= argument.default
+            used = _used(part, argument, key)
+            if used is not None:
+                values = [self._value(getattr(part, one), used.function, f"{key}.{one}") for one in used.keys]
+                given[name] = values[0] if used.makes is None else used.makes(*values)
+        return made(type(part).MAKER, key, **given | others)
+
+    def region(self, part: Part, key: str) -> Shape:
+        """The shape that the table of a region describes."""
+        shapes = {name: one for name, one in part if name != "without" and one is not None}
+        if len(shapes) != 1:
+            names = ", ".join(name for name in type(part).model_fields if name != "without")
+            raise InputError(f"give exactly one of {names}", key=key)
+        [shape] = shapes.values()
+        found = self.made(shape, key)
+        for hole in getattr(part, "without"):  # noqa: B009 (the class is made from the shapes that there are)
+            found = found - self.region(hole, f"{key}.without")
+        return found
+
+    def _value(self, value: Any, function: Function | None, key: str) -> Any:
+        """The value of a key."""
+        if isinstance(value, Part):
+            return self.made(value, key)
+        if function is None or value is None:
+            return value
+        if not function.place:
+            return self.of_times(value, key)
+        if function.field and names_field(value):
+            return value
+        if function.components:
+            return self.expression(value, key)
+        return self.entry(value, key, function.time)
+
+    def expression(self, value: str | float | list[str | float], key: str, time: bool = True) -> Any:
+        """A number or an expression of the coordinates (and of t if `time`); for vectors, a list of them."""
+        if isinstance(value, list):
+            if not self.vector or len(value) != self.dim:
+                limit = f"a list of {self.dim}" if self.vector else "one"
+                raise InputError("not as many entries as the field has components", value=value, limit=limit, key=key)
+            return [self.entry(part, f"{key}[{i}]", time) for i, part in enumerate(value)]
+        return self.entry(value, key, time)
+
+    def entry(self, value: str | float, key: str, time: bool = True) -> Any:
+        """A number, or an expression of the coordinates (and of t if `time`)."""
+        return as_given(value, self.dim, key, time=time)
+
+    def constant(self, value: Any, key: str) -> Any:
+        """A constant of a material: a number, an expression of the coordinates, or a distribution that scatters."""
+        return self._value(value, Function(time=False), key)
+
+    def of_times(self, value: Any, key: str) -> Any:
+        """A function of t, or one per component, None for one that is false."""
+        if value is False:
+            return None
+        if isinstance(value, list):
+            return [self.of_times(one, f"{key}[{i}]") for i, one in enumerate(value)]
+        return self.made(value, key) if isinstance(value, Part) else as_signal(value, key)
+
+
+def _used(part: Part, argument: Argument, key: str) -> Option | None:
+    """The option by which a table gives an argument; None if it leaves the argument to its default.
+
+    Raises
+    ------
+    InputError
+        Several options, or none where one is needed.
+    """
+    given = [one for one in argument.options if part.model_fields_set & {*one.keys}]
+    complete = [one for one in given if part.model_fields_set >= {*one.keys}]
+    if (given == complete and len(given) == 1) or not (given or argument.needed):
+        return given[0] if given else None
+    names = [one.name for one in argument.options]
+    several = ", ".join(name for one in given for name in one.keys if name in part.model_fields_set)
+    raise InputError(
+        f"give either {' or '.join(names)}" if len(names) == 2 else f"give exactly one of {', '.join(names)}",
+        value=several or "none",
+        limit="1",
+        key=key,
+        remedy="leave the others out" if len(given) > 1 else f"{(given or argument.options)[0].name} = ...",
+    )
+
+
+def made(kind: Callable[..., Made], key: str, /, *given: Any, **named: Any) -> Made:
+    """An object of a kind; its errors name the key of its table."""
+    try:
+        return kind(*given, **named)
+    except InputError as error:
+        raise error.at(under(key, error.key)) from None
