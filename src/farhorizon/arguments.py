@@ -45,6 +45,11 @@ class Function:
 
 
 @dataclass(frozen=True)
+class OfRegions:
+    """A constant of the medium, of which regions may have values of their own."""
+
+
+@dataclass(frozen=True)
 class InFile:
     """The default of a key in a case file where it differs from that of the parameter; `REQUIRED` for none."""
 

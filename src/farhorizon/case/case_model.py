@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from farhorizon import public as fh
-from farhorizon.case.reading import Reader, made
-from farhorizon.case.schema import Part
+from farhorizon.case.reading import Reader
+from farhorizon.case.schema import Part, is_model
 from farhorizon.errors import InputError, shown
 from farhorizon.files.region_numbers import Regions
 
@@ -33,41 +32,41 @@ def model_of(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.Lat
     InputError
         A constant or an option that the model does not have, a region without a material or without nodes.
     """
-    parts = models_in(part)
-    values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name", *parts})
-    kind = part.MAKER
-    takes, read = signature(kind).parameters, Reader(lattice.dim)
-    for name, one in parts.items():
-        try:
-            values[name] = model_of(one, materials if one.MAKER.mechanical else (), lattice)
-        except InputError as error:
-            raise error.at(error.key.replace("model", f"model.{name}", 1)) from None
-    if parts:
-        values["expansion"] = read.constant(part.expansion, "model.expansion")
-        return made(kind, "model", **values)
-    values |= {name: read.made(one, f"model.{name}") for name, one in part if name in values and isinstance(one, Part)}
-    if "operator" in takes:
-        values["operator"] = _operator(part, lattice.dim)
-    elif "kernel" in takes:
-        values["kernel"] = None if part.kernel is None else fh.Kernel(**part.kernel.model_dump())
-    if "integrator" in takes and part.stages is not None:
-        values["integrator"] = _integrator(part)
+    read, kind = Reader(lattice.dim), type(part).MAKER
+    if models := models_in(part):
+        return read.made(part, "model", **{n: _inner(n, one, materials, lattice) for n, one in models.items()})
+    found = _in_regions(part, kind, materials, lattice)
+    if (name := getattr(part, "stencil", None)) is not None and part.kernel is None:
+        make = fh.Stencil.finite_difference if name == "finite-difference" else fh.Stencil.finite_element
+        found["operator"] = make(lattice.dim)
+    if getattr(part, "stages", None) is not None:
+        found["integrator"] = _integrator(part)
+    return read.made(part, "model", **found)
+
+
+def _inner(name: str, part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
+    """A model that is part of another one; only that of the displacements has materials."""
+    try:
+        return model_of(part, materials if type(part).MAKER.mechanical else (), lattice)
+    except InputError as error:
+        raise error.at(error.key.replace("model", f"model.{name}", 1)) from None
+
+
+def _in_regions(part: Any, kind: Any, materials: Sequence[Any], lattice: fh.Lattice) -> dict[str, Any]:
+    """The constants of a model to which materials give other values in their regions."""
     _check(materials)
     named = {name: i for i, one in enumerate(materials) for name in one.model_fields_set - _NO_CONSTANTS}
     for name in sorted(named):
-        if values.get(name) is None:
-            known = sorted(
-                set(type(materials[0]).model_fields) & {one for one, value in values.items() if value is not None}
-            )
+        if getattr(part, name, None) is None:
+            has = {one for one, value in part if value is not None} - _NO_CONSTANTS
             raise InputError(
                 "a region has constants that the model has, too",
                 value=name,
-                limit=", ".join(known) or "none",
+                limit=", ".join(sorted(has & type(materials[0]).model_fields.keys())) or "none",
                 key=f"material[{named[name]}].{name}",
-                remedy=f"give [model] its {name}, of what is elsewhere" if name in takes else "leave it out",
+                remedy=f"give [model] its {name}, of what is elsewhere" if name in part.ARGUMENTS else "leave it out",
             )
-        values[name] = _constant(kind, name, values[name], materials, lattice)
-    return made(kind, "model", **values)
+    return {name: _constant(kind, name, getattr(part, name), materials, lattice) for name in sorted(named)}
 
 
 def named_materials(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Regions | None:
@@ -83,11 +82,7 @@ def named_materials(part: Any, materials: Sequence[Any], lattice: fh.Lattice) ->
 
 def models_in(part: Any) -> dict[str, Any]:
     """The tables of the models that a model is composed of, by key."""
-    return {
-        name: one
-        for name, one in part
-        if isinstance(one, Part) and isinstance(one.MAKER, type) and issubclass(one.MAKER, fh.LatticeModel)
-    }
+    return {name: one for name, one in part if isinstance(one, Part) and is_model(type(one).MAKER)}
 
 
 def _called(part: Any) -> str:
@@ -95,15 +90,6 @@ def _called(part: Any) -> str:
     for one in models_in(part).values():
         return _called(one)
     return getattr(part, "name", None) or getattr(part, "of", None) or ""
-
-
-def _operator(part: Any, dim: int) -> fh.Kernel | fh.Stencil:
-    if (part.kernel is None) == (part.stencil is None):
-        raise InputError("give either [model.kernel] or stencil", key="model")
-    if part.kernel is not None:
-        return fh.Kernel(**part.kernel.model_dump())
-    make = fh.Stencil.finite_difference if part.stencil == "finite-difference" else fh.Stencil.finite_element
-    return make(dim)
 
 
 def _integrator(part: Any) -> fh.RungeKuttaChebyshev:
@@ -130,8 +116,6 @@ def _constant(kind: type[fh.LatticeModel], name: str, value: Any, materials: Seq
     read = Reader(lattice.dim)
     found = read.constant(value, f"model.{name}")
     given = [(i, part) for i, part in enumerate(materials) if getattr(part, name) is not None]
-    if not given:
-        return found
     at = lattice.coordinates()
     values = np.array(np.broadcast_to(found(*at) if callable(found) else found, lattice.shape), float)
     for i, part in given:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from farhorizon.arguments import Function
 from farhorizon.case.schema import Argument, Option, Part, under
@@ -11,8 +10,6 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.medium.of_field import names_field
-
-Made = TypeVar("Made")
 
 
 class Reader(NamedTuple):
@@ -28,13 +25,20 @@ class Reader(NamedTuple):
         if type(part).MAKER is Shape:
             return self.region(part, key)
         given: dict[str, Any] = {}
+        names: dict[str, str] = {}  # keys by argument
         for name, argument in part.ARGUMENTS.items():
             given |= argument.default
-            used = _used(part, argument, key)
+            used = None if name in others else _used(part, argument, key)
             if used is not None:
                 values = [self._value(getattr(part, one), used.function, f"{key}.{one}") for one in used.keys]
                 given[name] = values[0] if used.makes is None else used.makes(*values)
-        return made(type(part).MAKER, key, **given | others)
+                names[name] = used.keys[0]
+        try:
+            return type(part).MAKER(**given | others)
+        except InputError as error:
+            last = error.key.rpartition(".")[2]
+            place = f"{key}.{names[last]}" if names.get(last, last) != last else under(key, error.key)
+            raise error.at(place) from None
 
     def region(self, part: Part, key: str) -> Shape:
         """The shape that the table of a region describes."""
@@ -42,8 +46,8 @@ class Reader(NamedTuple):
         if len(shapes) != 1:
             names = ", ".join(name for name in type(part).model_fields if name != "without")
             raise InputError(f"give exactly one of {names}", key=key)
-        [shape] = shapes.values()
-        found = self.made(shape, key)
+        [(name, shape)] = shapes.items()
+        found = self.made(shape, f"{key}.{name}")
         for hole in getattr(part, "without"):  # noqa: B009 (the class is made from the shapes that there are)
             found = found - self.region(hole, f"{key}.without")
         return found
@@ -56,11 +60,9 @@ class Reader(NamedTuple):
             return value
         if not function.place:
             return self.of_times(value, key)
-        if function.field and names_field(value):
-            return value
-        if function.components:
-            return self.expression(value, key)
-        return self.entry(value, key, function.time)
+        if not function.time or (function.field and names_field(value)):
+            return value  # which the class reads
+        return self.expression(value, key) if function.components else self.entry(value, key)
 
     def expression(self, value: str | float | list[str | float], key: str, time: bool = True) -> Any:
         """A number or an expression of the coordinates (and of t if `time`); for vectors, a list of them."""
@@ -77,7 +79,7 @@ class Reader(NamedTuple):
 
     def constant(self, value: Any, key: str) -> Any:
         """A constant of a material: a number, an expression of the coordinates, or a distribution that scatters."""
-        return self._value(value, Function(time=False), key)
+        return self.made(value, key) if isinstance(value, Part) else self.entry(value, key, time=False)
 
     def of_times(self, value: Any, key: str) -> Any:
         """A function of t, or one per component, None for one that is false."""
@@ -109,11 +111,3 @@ def _used(part: Part, argument: Argument, key: str) -> Option | None:
         key=key,
         remedy="leave the others out" if len(given) > 1 else f"{(given or argument.options)[0].name} = ...",
     )
-
-
-def made(kind: Callable[..., Made], key: str, /, *given: Any, **named: Any) -> Made:
-    """An object of a kind; its errors name the key of its table."""
-    try:
-        return kind(*given, **named)
-    except InputError as error:
-        raise error.at(under(key, error.key)) from None

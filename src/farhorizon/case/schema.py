@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cached_property, lru_cache, reduce
 from operator import or_
@@ -36,7 +36,19 @@ from pydantic_core import PydanticKnownError
 
 from farhorizon import __version__, kinds
 from farhorizon import public as fh
-from farhorizon.arguments import FIELD, PYTHON_ONLY, RATE, REQUIRED, Function, InFile, Makes, OneOf, Toml, Unit
+from farhorizon.arguments import (
+    FIELD,
+    PYTHON_ONLY,
+    RATE,
+    REQUIRED,
+    Function,
+    InFile,
+    Makes,
+    OfRegions,
+    OneOf,
+    Toml,
+    Unit,
+)
 from farhorizon.boundaries import Side
 from farhorizon.case.units import BASES, MASS_BY, QUANTITY, Units, plain
 from farhorizon.errors import InputError
@@ -319,6 +331,17 @@ _FAMILIES: dict[Any, Any] = {
 _OTHERS = (LatticeModel, Shape, Recorder)  # classes that need not be dataclasses
 
 
+#: Keys that give the operator of a model, by the name of the parameter.
+_KERNEL = Annotated[fh.Kernel, "The horizon and the weights of the bonds within it."]
+_STENCIL = Annotated[
+    Literal["finite-difference", "finite-element"], "Stencil of the classical operator, instead of a kernel."
+]
+_OPERATORS: dict[str, dict[str, Any]] = {
+    "operator": {"kernel": _KERNEL, "stencil": _STENCIL},
+    "kernel": {"kernel": _KERNEL},
+}
+
+
 def tables() -> Tables:
     """The tables of case files with the classes that are currently registered."""
     return _tables(Known(*(_family(base, first) for base, first in _FAMILIES.items())))
@@ -361,53 +384,47 @@ class Tables:
 
     def _keys(self, kind: Any) -> tuple[dict[str, Any], dict[str, Argument]]:
         """Keys of a class or a function with their types and fields, and how they give its arguments."""
-        texts, usual = explained(kind)[1], self._usual(kind)
+        texts, units = explained(kind)[1], self._units(kind)
         keys: dict[str, Any] = {}
         arguments: dict[str, Argument] = {}
-        for name, hint, default in parameters(kind):
-            _, marks = declared(hint)
-            if PYTHON_ONLY in marks:
+        for one in parameters(kind):
+            if PYTHON_ONLY in one.marks:
                 continue
-            in_file = next((mark.default for mark in marks if isinstance(mark, InFile)), default)
-            given = next((mark.keys for mark in marks if isinstance(mark, OneOf)), {name: hint})
+            stated = one.mark(InFile)
+            default = stated.default if stated else one.default
+            needed = default is MISSING or default is REQUIRED
             options = []
-            for key, option in given.items():
-                found, keys_of_it = self._option(
-                    key, option, None if len(given) > 1 else in_file, texts.get(name, ""), usual
-                )
-                keys |= keys_of_it
+            for given in _ways(one, default, is_model(kind)):
+                found, its_keys = self._option(given, texts.get(one.name, ""), units)
                 options.append(found)
-            needed = in_file is MISSING or in_file is REQUIRED
-            arguments[name] = Argument(tuple(options), needed, {} if needed or in_file is default else {name: in_file})
+                keys |= its_keys
+            arguments[one.name] = Argument(tuple(options), needed, {one.name: default} if stated and not needed else {})
+        if is_model(kind) and "integrator" in keys:
+            words = "Number of stages of the integrator rkc; 20 unless given."
+            keys["stages"] = (Whole | None, Field(None, description=words))
+        if is_model(kind) and "density" in keys and {"young", "speed"} & keys.keys():
+            keys |= _of_material("the medium")
         return keys, arguments
 
-    def _option(
-        self, key: str, hint: Any, default: Any, text: str, usual: Mapping[str, str]
-    ) -> tuple[Option, dict[str, Any]]:
+    def _option(self, one: Parameter, text: str, units: Mapping[str, str]) -> tuple[Option, dict[str, Any]]:
         """One way to give an argument, and its keys with their types and fields."""
-        bare, marks = declared(hint)
-        if hasattr(bare, "_fields"):  # a named tuple
-            keys = {
-                name: (kind, Field(None, description=key.description))
-                for name, (kind, key) in self._keys(bare)[0].items()
-            }
-            return Option(tuple(keys), None, bare), keys
-        text = next((mark for mark in marks if isinstance(mark, str)), text)
-        takes = self._takes(bare, marks, default)
-        if (si := next((mark.si for mark in marks if isinstance(mark, Unit)), usual.get(key))) is not None:
-            takes = Annotated[takes, Unit(si)]
-        default = list(default) if isinstance(default, tuple) else default  # as TOML writes it
-        field = Field(... if default is MISSING or default is REQUIRED else default, description=text)
-        return Option((key,), next((mark for mark in marks if isinstance(mark, Function)), None)), {key: (takes, field)}
+        if hasattr(one.hint, "_fields"):  # a named tuple
+            inner = self._keys(one.hint)[0].items()
+            keys = {name: (takes, Field(None, description=field.description)) for name, (takes, field) in inner}
+            return Option(tuple(keys), None, one.hint), keys
+        takes = self._takes(one.hint, one.marks, one.default)
+        unit = one.mark(Unit) or (Unit(units[one.name]) if one.name in units else None)
+        default = list(one.default) if isinstance(one.default, tuple) else one.default  # as TOML writes it
+        needed = default is MISSING or default is REQUIRED
+        field = Field(... if needed else default, description=one.mark(str) or text)
+        return Option((one.name,), one.mark(Function)), {one.name: (Annotated[takes, unit] if unit else takes, field)}
 
-    def _usual(self, kind: Any) -> dict[str, str]:
-        """Units that parameters have in all classes of a family that state them; other classes need not state them."""
+    def _units(self, kind: Any) -> dict[str, str]:
+        """Units of parameters in all classes of the family of a class that state them; others need not state them."""
         family: Sequence[Any] = next((some for some in self.known if kind in some), ())
-        found: dict[str, set[str]] = {}
-        for one in family:
-            for name, hint, _ in parameters(one):
-                found.setdefault(name, set()).update(mark.si for mark in declared(hint)[1] if isinstance(mark, Unit))
-        return {name: units.pop() for name, units in found.items() if len(units) == 1}
+        stated = {(one.name, one.mark(Unit).si) for other in family for one in parameters(other) if one.mark(Unit)}
+        names = [name for name, _ in stated]
+        return {name: si for name, si in stated if names.count(name) == 1}
 
     def _takes(self, hint: Any, marks: Sequence[Any], default: Any) -> Any:
         """What a key takes: TOML has no None, so that the key is omitted, or false where None is not the default. A
@@ -442,14 +459,16 @@ class Tables:
         if origin is Literal:
             return hint
         if origin in (tuple, list, Sequence):
-            return list[self._of_toml(inner[0]) or Any]  # type: ignore[misc]
+            return list[self._takes(*declared(inner[0]), MISSING)]  # type: ignore[misc]
         if isinstance(origin, type) and issubclass(origin, Mapping):
-            return dict[str, reduce(or_, map(self._of_toml, get_args(inner[1]) or inner[1:]))]  # type: ignore[misc]
+            return dict[str, self._takes(*declared(inner[1]), MISSING)]  # type: ignore[misc]
         if hint is Shape:
             return self.region
         if isinstance(hint, type) and issubclass(hint, Shape | fh.Kernel | fh.Rectangle | fh.DiscCut):
             return self.of(hint)
-        return _TOML.get(hint) or (self.of(hint, True) if hint is fh.Weibull else None)
+        if is_model(hint):
+            return self.of(hint, False)
+        return _TOML.get(hint)
 
     @cached_property
     def factor(self) -> Any:
@@ -469,42 +488,15 @@ class Tables:
         made.MAKER = Shape
         return made
 
-    def model(self, kind: Any, within: Any = None) -> type[Part]:
-        """The table of a model: the parameters of its class, with two keys for an operator, one more for an integrator,
-        and those of a named material. A model that is part of another one may omit its type.
-        """
-        keys, arguments = self._keys(kind)
-        models = models_of(kind)
-        found: dict[str, Any] = {}
-        for name, (takes, field) in keys.items():
-            if name in models:
-                found[name] = (self.model(models[name], kind), Field(description=field.description))
-            elif name in ("operator", "kernel"):
-                words = "The horizon and the weights of the bonds within it."
-                found["kernel"] = (self.of(fh.Kernel) | None, Field(None, description=words))
-            else:
-                found[name] = (takes, field)
-            if name == "operator":
-                words = "Stencil of the classical operator, instead of a kernel."
-                stencils = Literal["finite-difference", "finite-element"] | None
-                found["stencil"] = (stencils, Field(None, description=words))
-            if name == "integrator":
-                words = "Number of stages of the integrator rkc; 20 unless given."
-                found["stages"] = (Whole | None, Field(None, description=words))
-        if "density" in found and {"young", "speed"} & found.keys():
-            found |= _of_material("the medium")
-        return _table(kind, found, arguments, within is None, "" if within is None else within.__name__)
-
     @cached_property
     def material(self) -> type[Part]:
         """The table of a region of the medium: the constants of the models of one field."""
         words = "Where the constants apply; later regions take precedence over earlier ones."
         keys: dict[str, Any] = {"region": (self.region, Field(description=words)), **_of_material("the region")}
         for kind in self.known.models:
-            varying = [name for name, hint, _ in parameters(kind) if Function(time=False) in declared(hint)[1]]
-            for name, (takes, field) in self._keys(kind)[0].items() if not models_of(kind) else ():
-                if name in varying:
-                    keys.setdefault(name, (takes, Field(None, description=field.description)))
+            own = self._keys(kind)[0]
+            for name in [one.name for one in parameters(kind) if one.mark(OfRegions)]:
+                keys.setdefault(name, (own[name][0], Field(None, description=own[name][1].description)))
         return _made("MaterialPart", Part, keys, "Constants of the medium in a region, instead of those of the model.")
 
     @cached_property
@@ -520,7 +512,7 @@ class Tables:
         takes: dict[str, Any] = {
             "units": UnitsPart | None,
             "lattice": self.of(fh.Lattice),
-            "model": _one_of([self.model(kind) for kind in known.models]),
+            "model": _one_of([self.of(kind, True) for kind in known.models]),
             "material": list[self.material],  # type: ignore[name-defined]
             "boundary": sides,
             "boundary_T": sides,
@@ -542,16 +534,39 @@ class Tables:
         return _made("CasePart", CasePart, keys)
 
 
-def parameters(kind: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Names, annotations and defaults of the parameters of a class or a function."""
+class Parameter(NamedTuple):
+    """A parameter of a class or a function: its type without annotations, and these."""
+
+    name: str
+    hint: Any
+    marks: tuple[Any, ...]
+    default: Any
+
+    def mark(self, kind: type) -> Any:
+        """The first of its annotations of a kind; None if there is none."""
+        return next((mark for mark in self.marks if isinstance(mark, kind)), None)
+
+
+@lru_cache(maxsize=256)
+def parameters(kind: Any) -> tuple[Parameter, ...]:
+    """The parameters of a class or a function."""
     if "__dataclass_fields__" in vars(kind):
-        hints = _hints(kind)
-        for one in fields(kind):
-            yield one.name, hints.get(one.name, Any), one.default
-        return
-    hints = _hints(getattr(kind, "__init__", kind) if isinstance(kind, type) and not hasattr(kind, "_fields") else kind)
-    for name, given in inspect.signature(kind).parameters.items():
-        yield name, hints.get(name, Any), MISSING if given.default is given.empty else given.default
+        hints, given = _hints(kind), [(one.name, one.default) for one in fields(kind)]
+    else:
+        plain = not isinstance(kind, type) or hasattr(kind, "_fields")  # a function or a named tuple
+        hints = _hints(kind if plain else getattr(kind, "__init__"))  # noqa: B009 (mypy)
+        found = inspect.signature(kind).parameters.items()
+        given = [(name, MISSING if one.default is one.empty else one.default) for name, one in found]
+    return tuple(Parameter(name, *declared(hints.get(name, Any)), default) for name, default in given)
+
+
+def _ways(one: Parameter, default: Any, of_model: bool) -> list[Parameter]:
+    """The ways in which a case file gives a parameter: as it is, or by the keys of a `OneOf`."""
+    stated: Any = one.mark(OneOf)
+    keys: dict[str, Any] = stated.keys if stated else _OPERATORS.get(one.name, {}) if of_model else {}
+    default = None if len(keys) > 1 else default
+    ways = [Parameter(key, *declared(hint), default) for key, hint in keys.items()]
+    return ways or [one._replace(default=default)]
 
 
 def declared(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -565,11 +580,9 @@ def declared(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return hint, ()
 
 
-def models_of(kind: Any) -> dict[str, Any]:
-    """The classes of the models of which a model is composed, by parameter."""
-    return {
-        name: hint for name, hint, _ in parameters(kind) if isinstance(hint, type) and issubclass(hint, LatticeModel)
-    }
+def is_model(kind: Any) -> bool:
+    """Whether something is the class of a model."""
+    return isinstance(kind, type) and issubclass(kind, LatticeModel)
 
 
 def _hints(given: Any) -> dict[str, Any]:
@@ -592,15 +605,14 @@ def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) ->
     return create_model(name, __base__=base, __doc__=doc, __cls_kwargs__=settings, **keys)
 
 
-def _table(
-    kind: Any, keys: dict[str, Any], arguments: Mapping[str, Argument], typed: bool | None, within: str = ""
-) -> type[Part]:
+def _table(kind: Any, keys: dict[str, Any], arguments: Mapping[str, Argument], typed: bool | None) -> type[Part]:
     """The table of a class or a function with these keys; see `Tables.of`."""
     brief = explained(kind)[0]
     if typed is not None:
         tag = tag_of(kind)
         keys = {"type": (Literal[tag], Field(... if typed else tag, description=brief)), **keys}
-    made: type[Part] = _made(f"{within}{kind.__name__}Part", Part, keys, brief)
+    inner = "Inner" if is_model(kind) and not typed else ""
+    made: type[Part] = _made(f"{inner}{kind.__name__}Part", Part, keys, brief)
     made.MAKER, made.ARGUMENTS = kind, arguments
     return made
 

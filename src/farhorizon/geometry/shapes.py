@@ -90,7 +90,7 @@ def _norm(a: Array) -> Array:
 
 
 class _Described(Storable):
-    _shown: tuple[str, ...]
+    _shown: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         values = (getattr(self, name) for name in self._shown)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from farhorizon import kinds
-from farhorizon.arguments import Function, Unit
+from farhorizon.arguments import Function, OfRegions, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
@@ -28,7 +28,9 @@ from farhorizon.medium.variation import Variation
 #: Values by which nodes are ordered, and their constants by name.
 Ordered = tuple[np.ndarray, dict[str, np.ndarray]]
 #: Constant of a material: a number, or an expression, a function of the coordinates or values at the nodes.
-Constant = Annotated[float | str | Weibull | OfField | Callable[..., Any] | NDArray[np.float64], Function(time=False)]
+Constant = Annotated[
+    float | str | Weibull | OfField | Callable[..., Any] | NDArray[np.float64], Function(time=False), OfRegions()
+]
 Density = Annotated[Constant, Unit("kg/m^3")]
 Modulus = Annotated[Constant, Unit("Pa")]
 _TAKEN = ("type", "stencil", "stages", "of")  # keys of a case file's table that are not parameters of the model

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from farhorizon import kinds
-from farhorizon.arguments import Unit
+from farhorizon.arguments import Function, Unit
 from farhorizon.errors import InputError
 from farhorizon.models.elastic import Elastic
 from farhorizon.models.heat import Heat
-from farhorizon.models.model import BondLaw, Constant, LatticeModel, material_constant
+from farhorizon.models.model import BondLaw, LatticeModel, material_constant
 
 
 class Thermoelastic(LatticeModel):
@@ -81,7 +81,7 @@ class Thermoelastic(LatticeModel):
         self,
         elastic: Elastic,
         heat: Heat,
-        expansion: Annotated[Constant | None, Unit("1/K")] = None,
+        expansion: Annotated[Any, Function(time=False), Unit("1/K")] = None,
         reference: Annotated[float | None, Unit("K")] = None,
         coupled: bool = True,
         contact_conductance: Annotated[float, Unit("W/(m^2*K)")] = 0.0,
