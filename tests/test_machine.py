@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import farhorizon as fh
 from farhorizon import machine
@@ -34,6 +35,17 @@ def test_certificates(looked_at, capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     small().certificate()
     assert ("stability: " in capsys.readouterr().err) == looked_at
+
+
+def test_small_linear_algebra_is_on_one_thread_and_the_other_threads_come_back():
+    def threads():
+        return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with machine.one_blas_thread(), machine.one_blas_thread():
+            assert set(threads()) == {1}
+        assert threads() == before != []
 
 
 GROUPS = {

@@ -2,64 +2,35 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
-import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from farhorizon.errors import InputError
+from threadpoolctl import ThreadpoolController
 
-_SET = (
-    "openblas_set_num_threads",
-    "openblas_set_num_threads64_",
-    "scipy_openblas_set_num_threads",
-    "scipy_openblas_set_num_threads64_",
-)
+from farhorizon.errors import InputError
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Run small dense linear algebra on one thread: matrices of a few hundred rows gain nothing from more threads, and
     can take a hundred times as long when cores are busy.
-
-    Applies to every OpenBLAS library that the process has loaded, where the operating system lists them (Linux);
-    elsewhere it does nothing.
     """
-    libraries = [(set_threads, count()) for set_threads, count in _openblas("scipy.linalg" in sys.modules)]
-    for set_threads, _ in libraries:
-        set_threads(1)
-    try:
+    with _blas("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
         yield
-    finally:
-        for set_threads, before in libraries:
-            set_threads(before)
 
 
 @cache
-def _openblas(of_scipy: bool) -> list[tuple[Callable[[int], object], Callable[[], int]]]:
-    """Functions that set and get the number of threads of each OpenBLAS in the process: NumPy's, and SciPy's if it has
-    been loaded.
-    """
-    try:
-        maps = Path("/proc/self/maps").read_text()
-    except OSError:
-        return []
-    found = []
-    for path in sorted(set(re.findall(r"(/\S*openblas\S*\.so\S*)", maps))):
-        library = ctypes.CDLL(path)
-        for name in _SET:
-            if hasattr(library, name):
-                found.append((getattr(library, name), getattr(library, name.replace("_set_", "_get_"))))
-                break
-    return found
+def _blas(of_scipy: bool) -> ThreadpoolController:
+    """The libraries of linear algebra in the process: NumPy's, and SciPy's if it has been loaded."""
+    return ThreadpoolController()
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from platformdirs import user_cache_path
 
 from farhorizon.files.storage import replacing
 
@@ -25,10 +26,9 @@ def cache_folder() -> Path:
     """The cache folder: ``FARHORIZON_CACHE`` or one in the user's cache folder; if it cannot be used, a private
     temporary one.
     """
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     given = os.environ.get("FARHORIZON_CACHE")
     with suppress(OSError):
-        folder = Path(given) if given else home / "farhorizon"
+        folder = Path(given) if given else user_cache_path("farhorizon", appauthor=False)
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
             return folder
