@@ -20,9 +20,9 @@ from farhorizon.case.case_setup import recorders_of, setup_of
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
 from farhorizon.case.reading import Reader
-from farhorizon.case.schema import UnitsPart, case_part, unit_of
+from farhorizon.case.schema import UnitsPart, case_part, tables, tag_of, unit_of
 from farhorizon.case.toml import document
-from farhorizon.case.units import FIELDS, Units, unit
+from farhorizon.case.units import Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
@@ -231,13 +231,7 @@ class Case:
     @property
     def quantities(self) -> dict[str, str]:
         """Names of quantities in this case, in words."""
-        known = {
-            "heat": "temperature",
-            "diffusion": "concentration",
-            "corrosion": "concentration",
-            "beam": "deflection",
-        }
-        u = "displacement" if self.model.mechanical else known.get(self.parts.model.type, "")
+        u = self.model.quantity or "displacement" * self.model.mechanical
         energy = "energy" if self.model.order == 2 else r"$\frac{1}{2} \int (u - u_0)^2\,$d$V$, $u_0$ the background"
         return {"energy": energy, **({"u": u} if u else {})}
 
@@ -385,8 +379,9 @@ def _has_readable_units(data: Mapping[str, Any]) -> bool:
 
 def _units_of(data: Mapping[str, Any]) -> Units | None:
     model = data.get("model")
-    kind = model.get("type") if isinstance(model, dict) else None
-    return Units(data["units"], FIELDS.get(str(kind), ANY)) if "units" in data else None
+    tag = model.get("type") if isinstance(model, dict) else None
+    unit = next((kind.field_unit for kind in tables().known.models if tag_of(kind) == tag), ANY)
+    return Units(data["units"], unit) if "units" in data else None
 
 
 def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:

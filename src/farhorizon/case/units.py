@@ -16,9 +16,6 @@ BASES = {"mass": "kg", "length": "m", "time": "s", "temperature": "K", "amount":
 #: Quantities that may be given in place of the mass, which follows from any of them with length and time.
 MASS_BY = {"force": "N", "pressure": "Pa", "density": "kg/m^3", "energy": "J"}
 
-#: SI unit of u by the type of the model; for other types it may be any unit.
-FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam"), "m"), "heat": "K"}
-
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 QUANTITY = _NUMBER.pattern + r"(\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0]|\s+1\s*/).*"
 """Regular expression of a number with a unit; no arithmetic expression matches it."""

@@ -42,6 +42,7 @@ class Beam(LatticeModel):
     1.0
     """
 
+    quantity, field_unit = "deflection", "m"
     combinations = "Exact"
     bonds = False
 

@@ -70,6 +70,8 @@ class Corrosion(LatticeModel):
     0.04
     """
 
+    quantity = "concentration"
+
     def __init__(
         self,
         operator: Kernel | Stencil,

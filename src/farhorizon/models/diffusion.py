@@ -43,6 +43,7 @@ class Diffusion(LatticeModel):
     """
 
     diffusivity: Any
+    quantity = "concentration"
     constants = ("diffusivity",)
 
     def __init__(

@@ -143,6 +143,7 @@ class Elastic(LatticeModel):
         "fh.Wave(kernel, **fh.materials.water.constants)"
     }
     energy_factor: float | None = None  # see `farhorizon.simulation.running_cracks.energy_factor`
+    quantity, field_unit = "displacement", "m"
     target = 1e-4  # a tenth of it doubles the number of nodes, because of strong backward waves
 
     def __init__(

@@ -67,6 +67,7 @@ class Heat(LatticeModel):
     density: Any
     specific_heat: Any
     conductivity: Any
+    quantity, field_unit = "temperature", "K"
     constants = ("density", "specific_heat", "conductivity")
 
     def __init__(

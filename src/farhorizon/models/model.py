@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from farhorizon import kinds
-from farhorizon.arguments import Function, OfRegions, Unit
+from farhorizon.arguments import ANY, Function, OfRegions, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
@@ -102,6 +102,10 @@ class LatticeModel:
         Whether the operator consists of bonds only, which may be weakened individually.
     strongest : float
         Largest factor that the model itself applies to bonds.
+    quantity : str
+        What its field is, in words; empty if it may be anything.
+    field_unit : str
+        SI unit of its field, or `farhorizon.arguments.ANY`.
     mechanical : bool
         Whether loads and tractions can act on it.
     warm : bool
@@ -147,6 +151,8 @@ class LatticeModel:
     combinations: str = ""
     bonds: bool = True
     strongest: float = 1.0
+    quantity: str = ""
+    field_unit: str = ANY
     mechanical: bool = False
     warm: bool = False
     heat_capacity: float | None = None

@@ -75,6 +75,7 @@ class Thermoelastic(LatticeModel):
     (True, ['T', 'damage'])
     """
 
+    quantity, field_unit = "displacement", "m"
     mechanical = True
 
     def __init__(
