@@ -17,6 +17,7 @@ import jsonschema
 
 import farhorizon as fh
 from farhorizon.case.schema import schema
+from farhorizon.case.toml import literal
 
 DOCS = Path(__file__).resolve().parents[1]
 CASES = [*sorted((DOCS.parent / "examples").glob("*.toml")), *sorted((DOCS / "tutorials").glob("*.toml"))]
@@ -91,7 +92,7 @@ def titles() -> dict[str, str]:
     for name in _order(tables())[1:]:
         words = ", ".join(f"`{place}`" for place in dict.fromkeys(places[name]))
         kind = tables()[name]["properties"].get("type", {})
-        words += f" with `type = {_toml(kind['const'])}`" if "const" in kind else ""
+        words += f" with `type = {literal(kind['const'])}`" if "const" in kind else ""
         found[name] = f"{words} ({name.removesuffix('Part')})" if words in found.values() else words
     return found
 
@@ -110,7 +111,7 @@ def example(name: str, key: str) -> str:
     """A value as it is written in a case file: of an example, of the docstring of the class, or of its kind."""
     wanted = {**tables()[name]["properties"][key], "$defs": tables()}
     fits = jsonschema.Draft202012Validator(wanted)
-    return next(_toml(value) for value in _values(name, key) if value not in (None, [], {}) and fits.is_valid(value))
+    return next(literal(value) for value in _values(name, key) if value is not None and fits.is_valid(value))
 
 
 def _values(name: str, key: str) -> Iterator[Any]:
@@ -119,7 +120,7 @@ def _values(name: str, key: str) -> Iterator[Any]:
     yield from [_used()[name, key]] if (name, key) in _used() else []
     yield from content.get("examples", ())
     yield from (given[key] for given in _calls(_owner(name)) if key in given)
-    yield content.get("default")
+    yield content.get("default") or None
     yield from _made_up(content)
 
 
@@ -180,9 +181,9 @@ def _kind(value: dict[str, Any]) -> str:
             words = dict.fromkeys(["an expression or a number", *(w for w in words if w not in ("a text", "a number"))])
         return " or ".join(words)
     if "const" in value:
-        return f"`{_toml(value['const'])}`"
+        return f"`{literal(value['const'])}`"
     if "enum" in value:
-        return "one of " + ", ".join(f"`{_toml(one)}`" for one in value["enum"])
+        return "one of " + ", ".join(f"`{literal(one)}`" for one in value["enum"])
     if "$ref" in value:
         return "a table"
     if value.get("type") == "array":
@@ -194,16 +195,9 @@ def _default(table: dict[str, Any], key: str, value: dict[str, Any]) -> str:
     if key in table.get("required", ()):
         return "required"
     default = value.get("default")
-    return "optional" if default in (None, [], {}) or isinstance(default, dict) else f"`{_toml(default)}` unless given"
-
-
-def _toml(value: Any) -> str:
-    """A value in one line of TOML."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
+    return (
+        "optional" if default in (None, [], {}) or isinstance(default, dict) else f"`{literal(default)}` unless given"
+    )
 
 
 @lru_cache(maxsize=1)

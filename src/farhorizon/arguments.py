@@ -98,6 +98,11 @@ class Registered:
         Its name in a case file: ``ToneBurst`` is "tone-burst", unless the class has a tag of its own.
     known : dict of str to type
         All classes of a family by name, including user-defined ones.
+
+    Raises
+    ------
+    TypeError
+        When a class is defined with the name or the tag of a class of another module.
     """
 
     tag: ClassVar[str]
@@ -110,4 +115,10 @@ class Registered:
         if "tag" not in vars(cls):
             cls.tag = kinds.hyphened(cls.__name__)
         if offered:
+            mine = (cls.__module__, cls.__name__)
+            for other in cls.known.values():
+                if {other.tag, other.__name__} & {cls.tag, cls.__name__} and (other.__module__, other.__name__) != mine:
+                    raise TypeError(
+                        f"there is a {other.tag!r} already, {other.__module__}.{other.__name__}: rename yours"
+                    )
             cls.known[cls.__name__] = cls

@@ -98,5 +98,15 @@ def test_a_new_parameter_is_a_key_at_once(page):
     assert found["model.mass", ("heavy",)].default == "1.0"
 
 
+def test_names_that_are_taken(page):
+    with pytest.raises(TypeError, match=r"there is a 'power' already, farhorizon\.simulation\.power_through"):
+        type("Power", (fh.Receivers,), {"tag": "power"})
+    with pytest.raises(TypeError, match="there is a 'receivers' already"):
+        type("Receivers", (fh.CrackTips,), {})
+    type("Run", (fh.CrackTips,), {})
+    with pytest.raises(fh.InputError, match="run: a case file has such a table already"):
+        Case(CASE)
+
+
 def test_all_classes_are_gone_afterwards():
     assert not {"HollowDisc", "Weight", "Circle"} & {name for family in FAMILIES for name in family.known}

@@ -330,7 +330,6 @@ _FAMILIES: dict[Any, Any] = {
 }
 _OTHERS = (LatticeModel, Shape, Recorder)  # classes that need not be dataclasses
 
-
 #: Keys that give the operator of a model, by the name of the parameter.
 _KERNEL = Annotated[fh.Kernel, "The horizon and the weights of the bonds within it."]
 _STENCIL = Annotated[
@@ -466,8 +465,8 @@ class Tables:
             return self.region
         if isinstance(hint, type) and issubclass(hint, Shape | fh.Kernel | fh.Rectangle | fh.DiscCut):
             return self.of(hint)
-        if is_model(hint):
-            return self.of(hint, False)
+        if is_model(hint) or hint is fh.Weibull:
+            return self.of(hint, not is_model(hint))
         return _TOML.get(hint)
 
     @cached_property
@@ -530,6 +529,8 @@ class Tables:
         for kind in known.recorders:
             one, many = self.of(kind), kind.several
             field_of_it: Any = Field([] if many else None, description=explained(kind)[0])
+            if key_of(kind) in CasePart.model_fields:
+                raise InputError("a case file has such a table already", key=key_of(kind), remedy="another name or tag")
             keys[key_of(kind)] = (list[one] if many else one | None, field_of_it)  # type: ignore[valid-type]
         return _made("CasePart", CasePart, keys)
 
@@ -675,5 +676,6 @@ def schema_of(case: type[Part]) -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **case.model_json_schema(),
         "title": "farhorizon case",
-        "description": f"A case file of farhorizon {__version__}.",
+        "description": f"A case file of farhorizon {__version__}: a table for each part of the set-up. Keys that are not "
+        "tables come before the first table.",
     }
