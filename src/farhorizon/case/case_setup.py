@@ -149,7 +149,9 @@ def _sources(parts: Any, read: Reader, two: bool) -> Any:
     found: dict[str, list[Any]] = {"u": [], "T": []}
     for part, key in _numbered("source", parts.source):
         heats = _heats(part)
-        found["T" if heats else "u"].append((Reader(read.dim) if heats else read).made(part, key))
+        source = (Reader(read.dim) if heats else read).made(part, key)
+        plain = isinstance(source, fh.Source) and source.time is None
+        found["T" if heats else "u"].append(source.value if plain else source)
     found["u"] += [read.made(part, key) for part, key in _numbered("incident", parts.incident)]
     return found if two else found["u"]
 

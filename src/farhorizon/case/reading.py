@@ -37,8 +37,9 @@ class Reader(NamedTuple):
             return type(part).MAKER(**given | others)
         except InputError as error:
             last = error.key.rpartition(".")[2]
-            place = f"{key}.{names[last]}" if names.get(last, last) != last else under(key, error.key)
-            raise error.at(place) from None
+            if last in names:
+                raise error.at(f"{key}.{names[last]}") from None
+            raise error.at(key if key.endswith(f".{last}") else under(key, error.key)) from None
 
     def region(self, part: Part, key: str) -> Shape:
         """The shape that the table of a region describes."""

@@ -676,6 +676,6 @@ def schema_of(case: type[Part]) -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **case.model_json_schema(),
         "title": "farhorizon case",
-        "description": f"A case file of farhorizon {__version__}: a table for each part of the set-up. Keys that are not "
-        "tables come before the first table.",
+        "description": f"A case file of farhorizon {__version__}: a table for each part of the set-up. Keys that are "
+        "not tables come before the first table.",
     }
