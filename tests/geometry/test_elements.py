@@ -116,7 +116,7 @@ def test_cases_have_materials_by_group(tmp_path):
     [
         (
             ('"left"', '"middle"'),
-            r"material\[0\].region.group: the mesh has no physical group of this name; value: middle; "
+            r"material\[0\].region.elements.group: the mesh has no physical group of this name; value: middle; "
             "limit: left, right",
         ),
         (('"left"', '"seam"'), "the group 'seam' has no triangles and no tetrahedra"),

@@ -479,7 +479,7 @@ class Tables:
     def region(self) -> type[Part]:
         """The table of a region."""
         keys: dict[str, Any] = {
-            key_of(kind): (self.of(kind) | None, Field(None, description=explained(kind)[0]))
+            key_of(kind): (self.of(kind) | None, Field(None, description=explained(kind)[0].partition(";")[0]))
             for kind in self.known.shapes
         }
         keys["without"] = (list["RegionPart"], Field([], description="Regions that are taken out of it."))  # type: ignore[name-defined]  # noqa: F821

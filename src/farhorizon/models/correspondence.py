@@ -34,9 +34,13 @@ class Correspondence(Elastic):
     ----------
     kernel : Kernel
         Influence function times volume; its scale is irrelevant.
-    young, poisson, density : float, str, ndarray or callable
-        Young's modulus, Poisson's ratio, mass per volume. They may vary: an expression or a function of the
-        coordinates, or the values at the nodes.
+    young : float, str, ndarray or callable
+        Young's modulus; where the material varies, an expression or a function of the coordinates, or the values at the
+        nodes.
+    poisson : float, str, ndarray or callable
+        Poisson's ratio; given like `young`.
+    density : float, str, ndarray or callable
+        Mass per volume; given like `young`.
     plane : {"strain", "stress"}, optional
         Plane strain or plane stress in two dimensions; "strain" unless given.
     critical_stretch : float, str, ndarray or callable, optional

@@ -60,12 +60,18 @@ class Elastic(LatticeModel):
         Influence function ``w(r)/r^p`` of the bonds (exponent 1 and constant influence: the prototype microelastic
         material), or of the weights of state-based and correspondence materials; None for finite elements. A `Stencil`
         of matrices, for unit P modulus, replaces that of the material.
-    young, poisson, bulk, shear : float, str, ndarray or callable, optional
-        Young's modulus, Poisson's ratio, bulk and shear modulus. Two of the four are required, but only one for
-        bond-based materials, whose Poisson's ratio is fixed. Where the material varies, an expression or a function of
-        the coordinates, or the values at the nodes.
+    young : float, str, ndarray or callable, optional
+        Young's modulus. Two of the four moduli are required, but only one for bond-based materials, whose Poisson's
+        ratio is fixed. Where the material varies, an expression or a function of the coordinates, or the values at the
+        nodes.
+    poisson : float, str, ndarray or callable, optional
+        Poisson's ratio; given like `young`.
+    bulk : float, str, ndarray or callable, optional
+        Bulk modulus; given like `young`.
+    shear : float, str, ndarray or callable, optional
+        Shear modulus; given like `young`.
     density : float, str, ndarray or callable
-        Mass per volume; given like the moduli.
+        Mass per volume; given like `young`.
     material : {"bond-based", "state-based", "correspondence", "finite-element"}
     plane : {"strain", "stress"}, optional
         Plane strain or plane stress in two dimensions; "strain" unless given.
