@@ -85,8 +85,6 @@ Point = Annotated[ArrayLike, Toml(list[float]), Unit("m")]
 Points = Annotated[ArrayLike, Toml(list[list[float]]), Unit("m")]
 Frequencies = Annotated[Any, Toml(list[float]), Unit("1/s")]
 OfTime = Annotated[Any, Function(place=False)]
-OfPlaceAndTime = Annotated[Any, Function()]
-OfComponents = Annotated[Any, Function(components=True)]
 
 
 class Registered:
