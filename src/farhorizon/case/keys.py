@@ -7,7 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 from farhorizon.case.changes import steps
@@ -45,12 +45,12 @@ class Key:
     default: str
     text: str
 
-    @property
+    @cached_property
     def parent(self) -> str:
         """Path of the table that contains the key."""
         return self.path.rpartition(".")[0]
 
-    @property
+    @cached_property
     def name(self) -> str:
         """Last part of the path."""
         return self.path.rpartition(".")[2]
@@ -176,10 +176,12 @@ def _place(prefix: str, keys: Sequence[Key]) -> tuple[str, set[str]]:
     # regions taken out of a region have the keys of a region
     wanted = [step for step, below in zip(given, [*given, ""][1:], strict=True) if step != "without" or not below]
     for number, step in enumerate(wanted):
+        below = f"{path}.{step}".lstrip(".")
+        if any(key.path == below for key in keys):
+            path = below
+            continue
         known = {kind for key in keys if f"{key.path}.".startswith(f"{path}.") for kind in key.types}
-        if any(key.parent == path and key.name == step for key in keys):
-            path = f"{path}.{step}".lstrip(".")
-        elif path == "boundary" and (step in known or re.fullmatch(r"all|[xyz][-+]?", step)):
+        if path == "boundary" and (step in known or re.fullmatch(r"all|[xyz][-+]?", step)):
             path = f"boundary.{_SIDE}"
             types |= {step} & known
         elif step in known and path:
