@@ -34,7 +34,7 @@ def test_every_part_of_a_set_up_is_known():
     assert {n for n in parts if Storable.stored_as.get(n) is not public[n]} == set()
 
 
-class Half(Shape):
+class Half(Shape, offered=False):  # in files, not in case files
     """Everything below a height, as a user-defined shape."""
 
     _shown = ("height",)
