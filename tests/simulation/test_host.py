@@ -68,7 +68,10 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
         whole, cut = node_factor(setup), int(rng.integers(5, shape[0] - 5))
         reached = np.zeros(shape, bool)  # by bonds of the body's nodes
         for offset in fh.Stencil.from_kernel(KERNEL, 1.0, 2).offsets:
-            reached |= np.roll(lattice.mask, offset, (0, 1))
+            rows, columns = np.nonzero(lattice.mask)
+            rows, columns = rows + offset[0], columns + offset[1]
+            inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
+            reached[rows[inside], columns[inside]] = True
         for ends in ((0, cut), (cut, shape[0])):
             part = lattice.part([ends, (0, shape[1])])
             found = node_factor(replace(setup, lattice=part))

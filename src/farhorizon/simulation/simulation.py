@@ -271,7 +271,7 @@ class Simulation(Run):
         settled = self.setup if self.team else self.settled  # on several processes `settled` is that of one part
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
         seen: list[Observer] = [*self.observers, *self.recorders]
-        changed = replace(settled, boundary=named)
+        changed = replace(settled, boundary=named, dt=self.dt)  # the step for which layers are chosen
         other = self.of(changed, seen, self.team, self.topology)
         alike = np.array_equal(other.start_u, self.start_u) and np.array_equal(other.start_v, self.start_v)
         if not (alike or self.team):
