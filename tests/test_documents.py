@@ -60,7 +60,7 @@ def test_case_and_python_of_the_readme_are_one_run(capsys):
     (case,), (program,) = _blocks("toml"), _blocks("python")
     names = {}
     exec(compile(program, "README.md", "exec"), names)
-    assert "layers chosen to reflect" in capsys.readouterr().out
+    assert "layers reflect" in capsys.readouterr().out
     # the case also has outputs, which its own step has to divide
     sim = fh.Simulation.of(replace(Case(case).setup, dt=names["sim"].dt))
     sim.run(until=30.0)

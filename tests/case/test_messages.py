@@ -199,8 +199,8 @@ WORST = {
         "material:",
     ),
     "a side of another material": (
-        lambda: fh.Simulation(PLANE, fh.Elastic(fh.Kernel(1.0), 1.0), fh.PlaneWave()),
-        r"limit: Auto, Extended, Fixed, Free, LatticePML, Periodic, Sponge; remedy",
+        lambda: fh.Simulation(PLANE, fh.Elastic(fh.Kernel(1.0), 1.0), fh.Higdon()),
+        r"limit: Auto, Extended, Fixed, Free, LatticePML, Periodic, PlaneWave, Sponge; remedy",
         "Exact",
     ),
     "no density": (

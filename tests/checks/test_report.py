@@ -178,7 +178,7 @@ def test_layers_that_chose_themselves_are_told_by_what_is_predicted_of_the_data(
     )
     report = sim.check(until=10.0)
     assert not report.warnings
-    assert re.search(r"layers chosen to reflect \S+ of the largest value,", report.headline)
+    assert re.search(r"layers reflect \S+ of the largest value,", report.headline)
     assert 0 < report.numbers["returned"] <= target
     worst = 0.0
     while sim.time < 10.0:

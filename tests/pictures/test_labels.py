@@ -99,6 +99,7 @@ def test_closures_are_called_by_words(tmp_path, monkeypatch):
     runs = {"LatticePML": SimpleNamespace(lattice=SimpleNamespace(axes=[np.arange(3.0)] * 2))}
     course = SimpleNamespace(
         fields={name: [u] for name in names},
+        initial=u,
         dissolved=u,
         times=[1.0],
         energy=[1.0],

@@ -95,6 +95,14 @@ def good():
         "IncidentField": {"field": "cos(x)*cos(t)", "within": fh.Box((-2.0, -2.0), (2.0, 2.0))},
         "IncidentWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
         "Kernel": {"horizon": 1.0},
+        "Medium": {"order": 2, "coefficient": 1.0, "dt": 0.01},
+        "function": {"given": _doubled},
+        "update_matrix": {
+            "points": np.linspace(-1, 1, 41)[:, None],
+            "absorbing": np.array([0, 40]),
+            "normals": np.array([[-1.0], [1.0]]),
+            "medium": fh.Medium(order=2, coefficient=1.0, dt=0.01),
+        },
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
         "LatticePML": {},
         "LineSource": {"points": [(-0.5, 0.0), (0.5, 0.0)], "strength": 1.0, "interpolation": "linear"},
@@ -162,6 +170,10 @@ def good():
     }
 
 
+def _doubled(u: float) -> float:
+    return 2 * u
+
+
 #: Public names that are not called by users, or that compute for a long time.
 NOT_CALLED = {
     "Certificate",
@@ -172,7 +184,9 @@ NOT_CALLED = {
     "ValidityWarning",
     "materials",
     "LatticeModel",
+    "Load",
     "Probes",
+    "Shape",
     "Side",
     "Signal",
     "tuned",

@@ -47,6 +47,7 @@ _SHARE = 0.4  # of the budget for predictions of reflection; the certificate has
 _HARDLY = 20.0  # a signal that lasts longer than this many runs has hardly begun by the end
 _STEEP = 60.0  # degrees: waves at larger angles are few, and layers absorb them worst
 _EXACT = 1e-14  # reflection below this is rounding error
+_ROUNDING = 1e-14  # error of layers, relative to the largest value, below which it is that of sums
 _MUCH = 1e-3  # amplitude that a layer of given thickness may reflect without a warning
 _MUCH_OF_SPONGE = 0.05  # the same for a sponge, which needs many wavelengths
 _FITS = 1e-6  # of a step, by which the end of a run may lie after the last one
@@ -244,7 +245,8 @@ class Report:
         known = not sim.incident and all(space is not None for space, _ in sim.sources)
         if sides and sides.keys() == sim.thickness.keys() and known:
             predicted = {name: one.predicted for name, one in sim.thickness.items()}
-            if all(predicted[name] <= b.wanted(sim.model.target) for name, b in sides.items()):
+            kept = all(predicted[name] <= b.wanted(sim.model.target) for name, b in sides.items())
+            if kept and max(predicted.values()) > _ROUNDING:  # else nothing has come back yet
                 report.numbers["returned"] = max(predicted.values())
         if until is not None:
             report._cut_short(sim, until)
@@ -282,7 +284,7 @@ class Report:
             parts.append(f"up to {seconds(numbers['seconds_near_breaking'])} of steps near breaking")
         parts.append(mebibytes(numbers["memory"]))
         if "returned" in numbers:
-            parts.append(f"layers chosen to reflect {numbers['returned']:.1g} of the largest value")
+            parts.append(f"layers reflect {numbers['returned']:.1g} of the largest value")
         elif (back := self._largest_returned()) is not None:
             others, most = back
             apart = most > max(2 * others, _MUCH)

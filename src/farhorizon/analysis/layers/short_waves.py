@@ -149,8 +149,15 @@ def high_pass(stencil: Stencil) -> HighPass | None:
         return HighPass(rise, sharp + 1 - rise, strength, first, lowest, True)
     if _MARGIN * rate <= _WEAK:
         short = HighPass(*_SHORT, 1.0, first, lowest)
-        return replace(short, strength=_MARGIN * rate_of(short))
-    return replace(chosen, strength=_MARGIN * rate)
+        return replace(short, strength=_rounded(_MARGIN * rate_of(short)))
+    return replace(chosen, strength=_rounded(_MARGIN * rate))
+
+
+def _rounded(rate: float) -> float:
+    """A rate to ten digits: in a medium that varies, stencils on several processes differ by a factor of their
+    reference medium, and what follows from them by rounding.
+    """
+    return float(f"{rate:.10g}")
 
 
 def _standing(stencil: Stencil) -> np.ndarray:
