@@ -31,6 +31,7 @@ ORDER = (
     "checks",  # questions about a set-up before its run
     "simulation",  # a set-up that runs
     "studies",  # several runs side by side
+    "inverse",  # gradients of what is recorded
     "public",  # every public name
     "case",  # TOML to a set-up
     "papers",  # published figures

@@ -72,6 +72,11 @@ from farhorizon.inputs.signals import ToneBurst as ToneBurst
 from farhorizon.inputs.sources import Source as Source
 from farhorizon.inputs.specimens import Specimen as Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad as ThermalLoad
+from farhorizon.inverse.gradient import Gradient as Gradient
+from farhorizon.inverse.gradient import gradient as gradient
+from farhorizon.inverse.misfits import LeastSquares as LeastSquares
+from farhorizon.inverse.misfits import Misfit as Misfit
+from farhorizon.inverse.misfits import OwnMisfit as OwnMisfit
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials

@@ -382,8 +382,12 @@ class Elastic(LatticeModel):
     @property
     def uneven(self) -> dict[str, Any]:
         """The moduli and the density, as far as they vary."""
-        given = self._given_moduli | {"density": self.density}
-        return {name: value for name, value in given.items() if not isinstance(value, float)}
+        return {name: value for name, value in self.wave_constants.items() if not isinstance(value, float)}
+
+    @property
+    def wave_constants(self) -> dict[str, Any]:
+        """The moduli that were given, and the density."""
+        return self._given_moduli | {"density": self.density}
 
     @property
     def varying(self) -> dict[str, Any]:

@@ -262,6 +262,11 @@ class LatticeModel:
         """The varying constants that affect its waves."""
         return self.varying
 
+    @property
+    def wave_constants(self) -> dict[str, Any]:
+        """All constants that affect its waves and may vary, by name, in the form in which they were given."""
+        return {name: getattr(self, name) for name in self.constants}
+
     def with_constants(self, constants: Mapping[str, Any]) -> Self:
         """The same model with other values of the constants in `varying`."""
         model = copy.copy(self)

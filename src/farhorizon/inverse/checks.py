@@ -1,0 +1,249 @@
+"""What a gradient refuses, before any run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import nodes_in
+from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inverse.misfits import Misfit
+from farhorizon.medium.integrators import Euler, Verlet
+from farhorizon.medium.of_field import OfField
+from farhorizon.simulation.drives import given, split_drives
+from farhorizon.simulation.setup import Setup, keys, side_name
+from farhorizon.simulation.simulation import Simulation
+
+_SOURCE = re.compile(r"source(\[\d+\])?")
+_INITIAL = ("u", "v")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a gradient is taken by.
+
+    Attributes
+    ----------
+    constants, initial, sources : tuple of str
+        Constants of the medium; "u", "v"; names of sources.
+    """
+
+    constants: tuple[str, ...]
+    initial: tuple[str, ...]
+    sources: tuple[str, ...]
+
+    def spaces(self, sim: Simulation) -> dict[str, list[np.ndarray]]:
+        """Return, for each of the sources, its parts as functions of space, each of the field's shape."""
+        found = {}
+        parts = given(sim.setup, sim.parts.near, sim.parts.around.sides)
+        for name in self.sources:
+            drives = split_drives([one for one in parts if one[0] == name], sim.parts.near, sim.parts.beyond)
+            found[name] = [np.asarray(space) for space, _ in drives.sources if space is not None]
+            if drives.unsplit:
+                raise InputError(
+                    "the source is not a function of space times one of time",
+                    key=name,
+                    remedy="Source(space, time), or a PointSource",
+                )
+        return found
+
+
+def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
+    """Return what a gradient is taken by.
+
+    Raises
+    ------
+    InputError
+        A word that means nothing, a constant that the model lacks, a source that is not there.
+    """
+    names = [wrt] if isinstance(wrt, str) else kinds.sequence(wrt, "wrt", "names")
+    if not names:
+        raise InputError("a gradient is taken by something", value=names, limit="a name", key="wrt", remedy='"speed"')
+    sources = keys("source", setup.sources)
+    initial = _INITIAL[: setup.model.order]
+    known = [*setup.model.wave_constants, *initial, *sources]
+    for name in names:
+        kinds.one_of(name, "wrt", known, f"{setup.model.title} has no such parameter, or the run no such source")
+    constants = tuple(name for name in names if name in setup.model.wave_constants)
+    return Asked(constants, tuple(n for n in names if n in initial), tuple(n for n in names if n in sources))
+
+
+def check_linear(setup: Setup, asked: Asked) -> None:
+    """Refuse runs whose operator is not linear, or not reciprocal, so that their adjoint is no run of the same kind.
+
+    Raises
+    ------
+    InputError
+    """
+    for (axis, side), boundary in setup.sides.items():
+        if boundary.closing or boundary.derivatives:
+            raise InputError(
+                "the side is not reciprocal: a wave from A arrives at B otherwise than one from B at A",
+                value=type(boundary).__name__,
+                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Periodic",
+                key=f"boundary.{side_name(axis, side)}",
+                remedy="LatticePML(), which continues the infinite lattice",
+            )
+    _check_model(setup)
+    for key, crack in zip(keys("crack", setup.cracks), setup.cracks, strict=True):
+        if crack.opens > 0:
+            raise InputError(
+                "the adjoint runs backwards, in which a crack that opens would close",
+                value=crack.opens,
+                limit="<= 0",
+                key=f"{key}.opens",
+                remedy="a crack that is open from the start",
+            )
+    for key, one in zip(keys("constraint", setup.constraints), setup.constraints, strict=True):
+        if not isinstance(one, Prescribed) or one.until is not None:
+            raise InputError(
+                "there is no adjoint of this condition",
+                value=type(one).__name__ if not isinstance(one, Prescribed) else f"until = {one.until:g}",
+                limit="Prescribed nodes that are never released",
+                key=key,
+                remedy="Fixed sides, or Prescribed without until",
+            )
+    if asked.constants and setup.rule == "both":
+        raise InputError(
+            "the smaller of two constants has no derivative where both are equal",
+            value="both",
+            limit="arithmetic, harmonic",
+            key="rule",
+            remedy='rule="harmonic"',
+        )
+    if asked.constants and setup.rim == "fixed":
+        raise InputError(
+            "bonds to a fixed rim have no constants of their own",
+            value="fixed",
+            limit="free",
+            key="rim",
+            remedy="Prescribed nodes along the rim",
+        )
+
+
+def _check_model(setup: Setup) -> None:
+    """Refuse models that are not linear, or integrators of several stages."""
+    model, law = setup.model, setup.model.bond_law
+    if law is not None:
+        flags = {name: True for name in ("nonlinear", "contact", "softening", "warm") if getattr(law, name)}
+        limits = ("critical_stretch", "fracture_energy")
+        flags |= {name: getattr(law, name) for name in limits if getattr(law, name, None) is not None}
+        for name, value in flags.items():
+            raise InputError(
+                "bonds that follow a law of their own stretch are not linear: there is no adjoint run",
+                value=value,
+                limit="linear bonds that hold",
+                key="load" if name == "warm" else f"model.{name}",
+                remedy="leave it out: small waves do not break bonds",
+            )
+    follows = [f"model.{name}" for name in model.follows]
+    named = zip(keys("source", setup.sources), setup.sources, strict=True)
+    for key in [*follows, *(key for key, source in named if isinstance(source, OfField))]:
+        raise InputError(
+            "what depends on the field is not linear: there is no adjoint run",
+            value="OfField",
+            limit="functions of space and time",
+            key=key,
+            remedy="its value at the background",
+        )
+    if model.dissolution is not None:
+        raise InputError(
+            "a medium that dissolves is not linear",
+            value=model.title,
+            limit="Wave, Diffusion, Heat, Elastic",
+            key="model",
+            remedy="Diffusion, for the liquid alone",
+        )
+    if not isinstance(model.integrator, Verlet | Euler):
+        raise InputError(
+            "there is no adjoint of schemes of several stages here",
+            value=model.integrator.name,
+            limit="euler",
+            key="model.integrator",
+            remedy='integrator="euler"',
+        )
+
+
+def default_region(sim: Simulation) -> np.ndarray:
+    """Return the nodes whose medium no side continues, as a mask of the lattice's shape."""
+    found = np.ones(sim.lattice.shape, bool)
+    if sim.lattice.mask is not None:
+        found &= sim.lattice.mask
+    for (axis, side), boundary in sim.sides.items():
+        if not boundary.endless:
+            continue
+        edge = sim.stencil.reach[axis] + 1
+        near = slice(None, edge) if side < 0 else slice(-edge, None)
+        found[tuple(near if a == axis else slice(None) for a in range(found.ndim))] = False
+    return found
+
+
+def check_region(region: Any, sim: Simulation, asked: Asked) -> np.ndarray:
+    """Return a region as a mask of the lattice's shape.
+
+    Raises
+    ------
+    InputError
+        It is empty, has nodes outside the body, or within one reach of a side that absorbs.
+    """
+    most = default_region(sim)
+    if asked.constants and np.any(sim.stencil.reaction):
+        raise InputError(
+            "a reaction has no definite strength in a medium that varies",
+            value="a reaction",
+            limit="none",
+            key="model.reaction",
+            remedy="leave it out, or ask for sources and initial data alone",
+        )
+    if not asked.constants:
+        return most if most.any() else np.ones(sim.lattice.shape, bool)
+    if region is None:
+        inside = most
+    elif isinstance(region, Shape):
+        inside = nodes_in(region, sim.lattice, "region")
+        inside = inside if sim.lattice.mask is None else inside & sim.lattice.mask
+    else:
+        inside = kinds.mask(region, "region")
+        if inside.shape != sim.lattice.shape:
+            raise InputError(
+                "a region has the lattice's shape",
+                value=inside.shape,
+                limit=sim.lattice.shape,
+                key="region",
+                remedy="one value a node, or a shape",
+            )
+    if not inside.any():
+        raise InputError(
+            "the region has no node", value=0, limit=">= 1", key="region", remedy="a larger region, or a larger lattice"
+        )
+    if (inside & ~most).any():
+        raise InputError(
+            "the region reaches into what a side continues, or outside the body",
+            value=f"{int((inside & ~most).sum())} nodes",
+            limit=f"more than {max(sim.stencil.reach)} nodes from sides that absorb",
+            key="region",
+            remedy="region=None takes all nodes that are allowed; a larger lattice has more",
+        )
+    return inside
+
+
+def check_misfits(misfits: Sequence[Misfit], steps: int, components: int) -> None:
+    """Refuse misfits whose data do not fit a run of some steps."""
+    if not misfits:
+        raise InputError(
+            "there is no misfit", value=0, limit=">= 1", key="misfit", remedy="LeastSquares(receivers, data)"
+        )
+    for i, one in enumerate(misfits):
+        key = f"misfit[{i}]" if len(misfits) > 1 else "misfit"
+        kinds.instance(one, key, Misfit, "a misfit", "LeastSquares(receivers, data)")
+        try:
+            one.check(steps // one.receivers.every + 1, components)
+        except InputError as error:
+            raise error.at(error.key.replace("misfit", key, 1)) from None

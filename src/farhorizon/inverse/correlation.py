@@ -1,0 +1,126 @@
+"""Correlation of a run with its adjoint, in machine code: what a change of the medium at each node does to a misfit.
+
+Both runs are given on a patch: rows of time, then components, then the places of a box in the order of its axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.engine.rows.compiled import njit
+
+ARITHMETIC, HARMONIC = range(2)
+RULES = {"arithmetic": ARITHMETIC, "harmonic": HARMONIC}
+
+
+@njit(error_model="numpy", inline="always", counted=False)
+def _slope(rule, mine, other):
+    """Derivative of the factor of a bond with respect to the factor of one of its ends."""
+    if rule == ARITHMETIC:
+        return 0.5
+    total = mine + other
+    return 2 * other * other / (total * total) if total > 0 else 0.0
+
+
+# Slices that begin at 0: an index that might be negative keeps a loop from being vectorised.
+@njit(error_model="numpy", inline="always", counted=False)
+def _add_scalar(out, u, w, mine, other):
+    """Add the products of the differences along bonds from the places `mine` on to the places `other` on."""
+    ui, uj, wi, wj = u[mine:], u[other:], w[mine:], w[other:]
+    for x in range(out.size):
+        out[x] += (wj[x] - wi[x]) * (uj[x] - ui[x])
+
+
+@njit(error_model="numpy", inline="always", counted=False)
+def _add_plane(out, u, w, mine, other, arm):
+    """The same for vectors of two components, along the arm of the bonds."""
+    size, a, b = arm[0], arm[1], arm[2]
+    ui, uj, wi, wj = u[0, mine:], u[0, other:], w[0, mine:], w[0, other:]
+    vi, vj, zi, zj = u[1, mine:], u[1, other:], w[1, mine:], w[1, other:]
+    for x in range(out.size):
+        along = size * (a * (uj[x] - ui[x]) + b * (vj[x] - vi[x]))
+        out[x] += along * (a * (wj[x] - wi[x]) + b * (zj[x] - zi[x]))
+
+
+@njit(error_model="numpy", inline="always", counted=False)
+def _add_space(out, u, w, mine, other, arm):
+    """The same for vectors of three components."""
+    size, a, b, c = arm[0], arm[1], arm[2], arm[3]
+    ui, uj, wi, wj = u[0, mine:], u[0, other:], w[0, mine:], w[0, other:]
+    vi, vj, yi, yj = u[1, mine:], u[1, other:], w[1, mine:], w[1, other:]
+    si, sj, zi, zj = u[2, mine:], u[2, other:], w[2, mine:], w[2, other:]
+    for x in range(out.size):
+        along = size * (a * (uj[x] - ui[x]) + b * (vj[x] - vi[x]) + c * (sj[x] - si[x]))
+        out[x] += along * (a * (wj[x] - wi[x]) + b * (yj[x] - yi[x]) + c * (zj[x] - zi[x]))
+
+
+@njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
+def correlate_bonds(u, row, w, shape, offsets, arms, rule, factor, begins, exists, lost, total):
+    """Add to `total`, shape (places,), the derivative of the sum over time of ``w . K u`` by the factor of each place.
+
+    Parameters
+    ----------
+    u : ndarray, shape (rows, components, places)
+    row : int
+        Row of `u` that belongs to the first row of `w`; the next rows of `w` belong to the rows before.
+    w : ndarray, shape (steps, components, places)
+    shape : ndarray of int, shape (3,)
+    offsets : ndarray of int, shape (K, 3)
+        One of each pair of opposite bonds.
+    arms : ndarray, shape (K, R, 1 + components)
+        The weight of a bond is the sum over R of the first number times the outer square of the others.
+    rule : int
+    factor, begins, exists : ndarray, shape (places,)
+        Factor on the bonds; 1 where bonds begin that are counted, 0 elsewhere; 1 where they may end.
+    lost : ndarray, shape (K, places) or (0, 0)
+        Fraction of each bond that cracks have cut.
+    """
+    components, bonds = w.shape[1], arms.shape[0]
+    n0, n1, n2 = shape
+    sums = np.zeros((bonds, n2), np.float64)
+    for row0 in range(n0):
+        for row1 in range(n1):
+            here = (row0 * n1 + row1) * n2
+            sums[:] = 0
+            for step in range(w.shape[0]):
+                for k in range(bonds):
+                    to0, to1 = row0 + offsets[k, 0], row1 + offsets[k, 1]
+                    if to0 < 0 or to0 >= n0 or to1 < 0 or to1 >= n1:
+                        continue
+                    low, count = max(0, -offsets[k, 2]), n2 - abs(offsets[k, 2])
+                    mine, other = here + low, (to0 * n1 + to1) * n2 + offsets[k, 2] + low
+                    out = sums[k, low : low + count]
+                    if components == 1:
+                        _add_scalar(out, u[row - step, 0], w[step, 0], mine, other)
+                    elif components == 2:
+                        for rank in range(arms.shape[1]):
+                            _add_plane(out, u[row - step], w[step], mine, other, arms[k, rank])
+                    else:
+                        for rank in range(arms.shape[1]):
+                            _add_space(out, u[row - step], w[step], mine, other, arms[k, rank])
+            for k in range(bonds):
+                to0, to1 = row0 + offsets[k, 0], row1 + offsets[k, 1]
+                if to0 < 0 or to0 >= n0 or to1 < 0 or to1 >= n1:
+                    continue
+                there = (to0 * n1 + to1) * n2 + offsets[k, 2]
+                weight = arms[k, 0, 0] if components == 1 else 1.0
+                for x in range(max(0, -offsets[k, 2]), min(n2, n2 - offsets[k, 2])):
+                    mine, other = here + x, there + x
+                    found = -weight * sums[k, x] * begins[mine] * exists[other]
+                    if lost.shape[0]:
+                        found *= 1 - lost[k, mine]
+                    total[mine] += found * _slope(rule, factor[mine], factor[other])
+                    total[other] += found * _slope(rule, factor[other], factor[mine])
+
+
+@njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
+def correlate_inertia(u, row, w, after, now, before, own, total):
+    """Add to `total`, shape (places,), minus the sum over time of ``w . (after u[n+1] + now u[n] + before u[n-1])``;
+    the rows are those of `correlate_bonds`, and `own`, shape (places,), is 1 at places that are nodes.
+    """
+    for step in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            one, later, present = w[step, c], u[row - step + 1, c], u[row - step, c]
+            earlier = u[row - step - 1, c] if before != 0 else present
+            for i in range(total.size):
+                total[i] -= own[i] * one[i] * (after * later[i] + now * present[i] + before * earlier[i])

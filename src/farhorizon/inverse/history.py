@@ -1,0 +1,275 @@
+"""The history of a run on a patch: kept as a whole, or remade piece by piece from states that were kept on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
+from farhorizon.inverse.patch import Patch
+from farhorizon.inverse.schedule import pieces_backward, repeats, states_ahead
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
+from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.simulation import Simulation
+
+
+class PatchRecorder(Recorder):
+    """A recorder that sees the places of a patch, and perhaps further nodes, after every step.
+
+    Parameters
+    ----------
+    patch : Patch
+    nodes : ndarray of int, optional
+        Flat indices of further nodes of the lattice.
+    """
+
+    name = "patch"
+
+    def __init__(self, patch: Patch, nodes: np.ndarray | None = None) -> None:
+        self.notes = []
+        self.patch = patch
+        self.nodes = np.zeros(0, np.int64) if nodes is None else nodes
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        self._background = parts.near.background
+        return Wanted(np.concatenate([self.patch.nodes, self.nodes]), ())
+
+    def start(self, step: int, heard: Heard) -> None:
+        pass
+
+    def rows(self, heard: Heard) -> np.ndarray:
+        """Return what was recorded, shape (steps, components, places and nodes)."""
+        return heard.nodes.swapaxes(1, 2)
+
+    @property
+    def recorded(self) -> Recorded:
+        raise NotImplementedError
+
+    def forget(self) -> None:
+        pass
+
+    def state(self) -> Arrays:
+        return {}
+
+    def take(self, state: Arrays) -> None:
+        pass
+
+
+class Rows(PatchRecorder):
+    """The values of a run on a patch in consecutive steps.
+
+    Parameters
+    ----------
+    patch : Patch
+    walls : list of (ndarray of bool, float)
+        Places beyond walls, and the value there; see `Patch.held`.
+    real : {"float64", "float32"}
+
+    Attributes
+    ----------
+    first : int
+        Step of the first row.
+    values : ndarray, shape (rows, components, places)
+    """
+
+    def __init__(self, patch: Patch, walls: list[tuple[np.ndarray, float]], real: str = "float64") -> None:
+        super().__init__(patch)
+        self.walls, self.real = walls, real
+        self.first, self.values = 0, np.zeros((0, 1, patch.places), real)
+
+    def open(self, sim: Simulation, steps: int) -> None:
+        """Make room for the next steps of a run, and fill in its present level and the one before."""
+        levels = [sim.engine.current] if sim.model.order == 1 else [sim.engine.older, sim.engine.current]
+        components = sim.stencil.components
+        shape = steps + len(levels), components, self.patch.places
+        if self.values.shape != shape:
+            self.values = np.zeros(shape, self.real)
+        self.first = sim.step_count + 1 - len(levels)
+        for row, level in enumerate(levels):
+            near = sim.parts.grid.view(level).reshape(components, -1)
+            self.values[row] = near[:, self.patch.nodes]
+        self._lay_walls(0, len(levels))
+
+    def add(self, step: int, heard: Heard) -> None:
+        row, rows = step - self.first, self.rows(heard)
+        self.values[row : row + len(rows)] = rows
+        self._lay_walls(row, row + len(rows))
+
+    def _lay_walls(self, low: int, high: int) -> None:
+        for beyond, value in self.walls:
+            self.values[low:high, :, beyond] = value
+
+
+_AT_ONCE = (
+    1 << 21
+)  # numbers that a patch keeps before they are used: blocks of this size are used again, not mapped anew
+
+
+def advance(sim: Simulation, patch: Patch, steps: int) -> None:
+    """Advance a run that records a patch, few steps at a time."""
+    most = max(1, _AT_ONCE // (sim.stencil.components * max(1, patch.places)))
+    end = sim.step_count + steps
+    while sim.step_count < end:
+        sim.step(min(most, end - sim.step_count))
+
+
+class Piece(NamedTuple):
+    """The rows of some steps of a run.
+
+    Attributes
+    ----------
+    first, end : int
+        The steps that the piece serves.
+    rows : Rows
+        Also has the step before the first one, for waves, and the end.
+    """
+
+    first: int
+    end: int
+    rows: Rows
+
+
+class Past(NamedTuple):
+    """The state of a run between two steps."""
+
+    step: int
+    arrays: tuple[np.ndarray, ...]
+    phase: int
+
+    @classmethod
+    def of(cls, sim: Simulation) -> Past:
+        """Return a copy of the present state."""
+        return cls(sim.step_count, tuple(one.copy() for one in _parts_of(sim)), sim.engine.phase)
+
+    def restore(self, sim: Simulation) -> None:
+        """Bring a run of the same set-up into this state."""
+        for kept, one in zip(self.arrays, _parts_of(sim), strict=True):
+            one[...] = kept
+        sim.engine.phase, sim.engine.steps_done, sim.step_count = self.phase, self.step, self.step
+        sim.time = self.step * sim.dt
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the state."""
+        return sum(one.nbytes for one in self.arrays)
+
+
+def _parts_of(sim: Simulation) -> tuple[np.ndarray, ...]:
+    return sim.engine.levels, sim.engine.memory
+
+
+class Whole:
+    """A history that is kept as a whole.
+
+    Parameters
+    ----------
+    sim : Simulation
+        At its start, with `rows` among its recorders.
+    rows : Rows
+    steps : int
+    """
+
+    def __init__(self, sim: Simulation, rows: Rows, steps: int) -> None:
+        self.sim, self.rows, self.steps = sim, rows, steps
+
+    def run(self) -> None:
+        """Run to the end."""
+        self.rows.open(self.sim, self.steps)
+        advance(self.sim, self.rows.patch, self.steps)
+
+    def backward(self) -> Iterator[Piece]:
+        """Yield the pieces, the last one first."""
+        yield Piece(0, self.steps, self.rows)
+
+
+class Remade:
+    """A history whose pieces are computed again from states that were kept.
+
+    Parameters
+    ----------
+    sim : Simulation
+        At its start.
+    setup : Setup
+        That of `sim`, with all choices made.
+    rows : Rows
+    steps : int
+    length : int
+        Steps in a piece.
+    room : int
+        Number of states that may be kept at a time.
+    """
+
+    def __init__(self, sim: Simulation, setup: Setup, rows: Rows, steps: int, length: int, room: int) -> None:
+        self.sim, self.rows, self.steps, self.length, self.room = sim, rows, steps, length, room
+        self.count = -(-steps // length)
+        self._states: dict[int, Past] = {}
+        self._setup = setup
+
+    @classmethod
+    def within(cls, budget: float, row: int, sim: Simulation, setup: Setup, rows: Rows, steps: int) -> Remade:
+        """Return the history that fits into a number of bytes with the least work.
+
+        Parameters
+        ----------
+        budget : float
+        row : int
+            Bytes of a row.
+        sim, setup, rows, steps
+            As in the constructor.
+
+        Raises
+        ------
+        InputError
+            Not even a few states fit; exact ends, which keep their own past.
+        """
+        key, size = "memory", sum(one.nbytes for one in _parts_of(sim))
+        if sim.exact_ends is not None:
+            raise InputError(
+                "exact ends keep their whole past, and the history must fit, too",
+                value=budget,
+                limit=(steps + 2) * row,
+                key=key,
+                remedy='precision="float32", a smaller region, or LatticePML',
+            )
+        rooms = range(1, int((budget - 3 * row) // size) + 1)
+        found = [(room, int((budget - room * size) // row) - 2) for room in rooms]
+        if not found:
+            raise InputError(
+                "the history does not fit",
+                value=budget,
+                limit=f">= {size + 3 * row}",
+                key=key,
+                remedy='more memory, precision="float32", or a smaller region',
+            )
+        works = [repeats(-(-steps // length), room) * length for room, length in found]
+        room, length = found[int(np.argmin(works))]
+        return cls(sim, setup, rows, steps, length, room)
+
+    def run(self) -> None:
+        """Run to the end, and keep the states from which the last pieces are made."""
+        for piece in states_ahead(self.count, self.room):
+            self.sim.step(piece * self.length - self.sim.step_count)
+            self._states[piece] = Past.of(self.sim)
+        self.sim.step(self.steps - self.sim.step_count)
+
+    def backward(self) -> Iterator[Piece]:
+        """Yield the pieces, the last one first."""
+        self.sim = sim = Simulation.of(self._setup)  # whose receivers do not record anything twice
+        again = Simulation.of(self._setup, observe=[self.rows])
+        for piece, start, keep in pieces_backward(self.count, self.room):
+            for number in [number for number in self._states if number > piece]:
+                del self._states[number]
+            self._states[start].restore(sim)
+            for number in keep:
+                sim.step(number * self.length - sim.step_count)
+                self._states[number] = Past.of(sim)
+            first, end = piece * self.length, min((piece + 1) * self.length, self.steps)
+            sim.step(first - sim.step_count)
+            Past.of(sim).restore(again)
+            self.rows.open(again, end - first)
+            advance(again, self.rows.patch, end - first)
+            yield Piece(first, end, self.rows)

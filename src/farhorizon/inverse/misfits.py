@@ -1,0 +1,191 @@
+"""Misfits: what the records of receivers cost, and the derivative of that by each record."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.simulation.receivers import Receivers
+
+#: Quantities whose misfit has a gradient: the field, and its rate half a step before.
+RECORDS = ("u", "v")
+Arrays = dict[str, np.ndarray]
+
+
+class Misfit(ABC):
+    """What the records of some receivers cost.
+
+    Derive from this class, or use `OwnMisfit`, for a misfit of one's own.
+
+    Parameters
+    ----------
+    receivers : Receivers
+        They record "u", "v" or both.
+
+    Raises
+    ------
+    InputError
+        Something other than receivers, or receivers of other quantities.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> class LastValue(fh.Misfit):
+    ...     def of(self, records, times):
+    ...         slope = 0 * records["u"]
+    ...         slope[-1] = records["u"][-1]
+    ...         return float((records["u"][-1] ** 2).sum() / 2), {"u": slope}
+    >>> bar = fh.Setup(fh.Lattice(1.0, -30, 30), fh.Wave(fh.Kernel(2.0)), initial={"u": "exp(-x**2/8)"})
+    >>> found = fh.gradient(bar, LastValue(fh.Receivers([3.0])), "u", until=10.0)
+    >>> found["u"].shape
+    (61,)
+    """
+
+    def __init__(self, receivers: Receivers) -> None:
+        self.receivers = kinds.instance(receivers, "misfit.receivers", Receivers, "Receivers")
+        for name in receivers.record:
+            kinds.one_of(name, "misfit.receivers.record", RECORDS, "this quantity has no gradient")
+
+    @abstractmethod
+    def of(self, records: Arrays, times: np.ndarray) -> tuple[float, Arrays]:
+        """Return the misfit of records, and its derivative by each of them.
+
+        Parameters
+        ----------
+        records : dict of str to ndarray
+            As `Receivers.data`.
+        times : ndarray, shape (rows,)
+            As `Receivers.times`.
+
+        Returns
+        -------
+        float
+        dict of str to ndarray
+            Of the shapes of the records.
+        """
+
+    def check(self, rows: int, components: int) -> None:  # noqa: B027
+        """Refuse data that do not fit records of a number of rows.
+
+        Raises
+        ------
+        InputError
+        """
+
+
+class LeastSquares(Misfit):
+    r"""Half the sum of the squared differences from data, :math:`\frac12 \sum W\,(u - d)^2`.
+
+    Parameters
+    ----------
+    receivers : Receivers
+    data : array_like, shape (rows, n) or (rows, n, dim), or mapping of str to such arrays
+        What was measured at the steps of the run that the receivers record, as in `Receivers.data`: of "u" unless given
+        by quantity.
+    weights : float or array_like
+        W, not negative: a number, or anything that NumPy broadcasts to the data. Zeros leave values out.
+
+    Raises
+    ------
+    InputError
+        Data that are not numbers, weights that are negative, quantities that the receivers do not record. Before a run:
+        data of another shape than the records.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> line = fh.Receivers([[3.0]])
+    >>> bar = fh.Setup(fh.Lattice(1.0, -30, 30), fh.Wave(fh.Kernel(2.0)), initial={"u": "exp(-x**2/8)"}, dt=0.5)
+    >>> found = fh.gradient(bar, fh.LeastSquares(line, np.zeros((21, 1))), "u", until=10.0)
+    >>> bool(found.misfit > 0), found["u"].shape
+    (True, (61,))
+    """
+
+    def __init__(self, receivers: Receivers, data: Any, weights: Any = 1.0) -> None:
+        super().__init__(receivers)
+        given = data if isinstance(data, Mapping) else {"u": data}
+        for name in given:
+            kinds.one_of(name, "misfit.data", receivers.record, "the receivers do not record this quantity")
+        self.data = {name: kinds.array(values, f"misfit.data.{name}") for name, values in given.items()}
+        self.weights = kinds.array(weights, "misfit.weights")
+        if self.weights.min(initial=0) < 0:
+            raise InputError(
+                "a weight must not be negative", value=float(self.weights.min()), limit=">= 0", key="misfit.weights"
+            )
+
+    def check(self, rows: int, components: int) -> None:
+        """Refuse data of another shape than the records."""
+        points = len(self.receivers.points)
+        wanted = (rows, points) if components == 1 else (rows, points, components)
+        for name, values in self.data.items():
+            if values.shape != wanted:
+                raise InputError(
+                    "the data do not have the shape of the records",
+                    value=values.shape,
+                    limit=wanted,
+                    key=f"misfit.data.{name}",
+                    remedy="one row for each step that the receivers record, from t = 0 to the end of the run; "
+                    "interpolate the data to these times",
+                )
+            try:
+                np.broadcast_to(self.weights, wanted)
+            except ValueError:
+                raise InputError(
+                    "the weights do not fit the data",
+                    value=self.weights.shape,
+                    limit=wanted,
+                    key="misfit.weights",
+                    remedy="a number, or an array that broadcasts to the data",
+                ) from None
+
+    def of(self, records: Arrays, times: np.ndarray) -> tuple[float, Arrays]:
+        """Return the misfit of records, and its derivative by each of them."""
+        residuals = {name: records[name] - data for name, data in self.data.items()}
+        value = sum(float((self.weights * residual**2).sum()) for residual in residuals.values()) / 2
+        return value, {name: self.weights * residual for name, residual in residuals.items()}
+
+
+class OwnMisfit(Misfit):
+    """A misfit that a function computes.
+
+    Parameters
+    ----------
+    receivers : Receivers
+    function : callable
+        Takes the records, a dict of arrays as `Receivers.data`, and their times; returns the misfit, and a dict of its
+        derivatives by the records, of the same shapes. A quantity may be left out where the derivative is zero.
+
+    Raises
+    ------
+    InputError
+        Something that is not a function. After the run: results of another form.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> def energy(records, times):
+    ...     return float((records["u"] ** 2).sum()), {"u": 2 * records["u"]}
+    >>> bar = fh.Setup(fh.Lattice(1.0, -30, 30), fh.Wave(fh.Kernel(2.0)), initial={"u": "exp(-x**2/8)"})
+    >>> found = fh.gradient(bar, fh.OwnMisfit(fh.Receivers([[3.0]]), energy), "speed", until=10.0)
+    >>> bool(found.misfit > 0)
+    True
+    """
+
+    def __init__(self, receivers: Receivers, function: Callable[[Arrays, np.ndarray], tuple[float, Arrays]]) -> None:
+        super().__init__(receivers)
+        self.function = kinds.function(function, "misfit.function", "records, times")
+
+    def of(self, records: Arrays, times: np.ndarray) -> tuple[float, Arrays]:
+        """Return the misfit of records, and its derivative by each of them."""
+        value, slopes = self.function(records, times)
+        found = {}
+        for name, slope in dict(slopes).items():
+            kinds.one_of(name, "misfit.function", records, "the function returns a derivative by no record")
+            found[name] = kinds.array(slope, f"misfit.function.{name}", shape=records[name].shape)
+        return kinds.number(value, "misfit.function"), found
