@@ -52,14 +52,15 @@ def remainders(setup, misfit, name, until, direction, sizes, **options):
     return found.misfit, slope, [at(size) - found.misfit - size * slope for size in sizes], at
 
 
-def check_taylor(setup, misfit, name, until, rng, **options):
+def check_taylor(setup, misfit, name, until, rng, agreement=1e-8, **options):
     """The remainder falls as e^2, fitted order 2 within 0.1, until 1e-10 of the misfit; and the derivative agrees with
-    an extrapolated central difference to 1e-8.
+    an extrapolated central difference.
     """
     direction = fh.gradient(setup, misfit, name, until, **options)[name] != 0
     direction = direction * rng.standard_normal(direction.shape)
     if name in ("u", "v"):  # data end inside of layers
-        within = tuple(slice(4, -4) for _ in direction.shape)
+        dim = setup.lattice.dim
+        within = (..., *[slice(4, -4) if dim < 3 else slice(3, -3)] * dim)
         inner = np.zeros_like(direction)
         inner[within] = direction[within]
         direction = inner
@@ -73,21 +74,18 @@ def check_taylor(setup, misfit, name, until, rng, **options):
     assert clear.sum() >= 3, "the direction changes nothing"
     order = np.polyfit(np.log(sizes[clear][1:]), np.log(found[clear][1:]), 1)[0]
     assert abs(order - 2) < 0.1
-    step = 2.0**-8
+    step = 2.0**-9
     one, two = ((at(h) - at(-h)) / (2 * h) for h in (step, 2 * step))
     three = (at(4 * step) - at(-4 * step)) / (8 * step)
     first, second = (4 * one - two) / 3, (4 * two - three) / 3
     # differences lose digits where the misfit is much larger than its change
     rounding = 1e-14 * misfit_here / step
-    assert abs((16 * first - second) / 15 - slope) < 1e-8 * abs(slope) + rounding
+    assert abs((16 * first - second) / 15 - slope) < agreement * abs(slope) + rounding
 
 
 def smooth(rng, lattice, size=0.05):
     """Values around 1 that vary at random from node to node."""
     return 1 + size * rng.uniform(-1, 1, lattice.shape)
-
-
-BODY = fh.Box((-9.0, -9.0), (9.0, 9.0)) - fh.Disc(radius=2.5, centre=(1.0, -3.0))
 
 
 def bar(rng, sides):
@@ -151,6 +149,7 @@ CASES = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ["speed", "density", "u", "v", "source"])
 @pytest.mark.parametrize("case", CASES)
 def test_the_remainder_of_scalar_waves_falls_as_the_square(case, name):
@@ -161,3 +160,135 @@ def test_the_remainder_of_scalar_waves_falls_as_the_square(case, name):
     listening = fh.Receivers(points, ["u", "v"], interpolation="linear")
     data = {one: 0.05 * rng.standard_normal((steps + 1, len(points))) for one in ("u", "v")}
     check_taylor(setup, fh.LeastSquares(listening, data), name, steps * setup.dt, rng)
+
+
+def solid(rng, sides, cracks=(), constants=("young",), dim=2, **options):
+    """A solid whose constants vary at random, with a pulse, a force and an explosion."""
+    shape = {1: (40,), 2: (18, 17), 3: (10, 9, 9)}[dim]
+    lattice = fh.Lattice(1.0, [-(n // 2) for n in shape], [n - 1 - n // 2 for n in shape])
+    base = {"young": 1.0, "bulk": 1.1, "shear": 0.5, "poisson": 0.2}
+    maps = {name: base[name] * smooth(rng, lattice) for name in constants}
+    density = smooth(rng, lattice)
+    model = fh.Elastic(fh.Kernel(2.0 if dim < 3 else 1.5), density=density, **maps, **options)
+    at = np.meshgrid(*lattice.axes, indexing="ij")
+    bell = np.exp(-sum(x**2 for x in at) / 2)
+    bell[bell < 1e-3] = 0
+    unit = np.arange(1.0, dim + 1).reshape(-1, *[1] * dim)
+    return fh.Setup(
+        lattice,
+        model,
+        sides,
+        {"u": bell * unit, "v": 0.3 * bell * unit[::-1]},
+        [fh.Source(bell * unit, fh.Ricker(0.1))],
+        cracks,
+        dt=0.3,
+    )
+
+
+SOLIDS = {
+    "layers": lambda rng: solid(rng, fh.LatticePML(nodes=8)),
+    "free and fixed": lambda rng: solid(rng, {"x": fh.Free(), "y-": fh.Fixed(), "y+": fh.Free()}),
+    "periodic": lambda rng: solid(rng, {"x": fh.Periodic(), "y": fh.LatticePML(nodes=8)}),
+    "crack": lambda rng: solid(rng, fh.LatticePML(nodes=8), [[(-2.2, -4.0), (3.3, 2.0)]]),
+    "space": lambda rng: solid(rng, {"x": fh.LatticePML(nodes=5), "y": fh.Free(), "z": fh.Fixed()}, dim=3),
+}
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("name", ["young", "density", "u", "v", "source"])
+@pytest.mark.parametrize("case", SOLIDS)
+def test_the_remainder_of_bonds_falls_as_the_square(case, name):
+    rng = drawn(f"bonds {case} {name}")
+    check_solid(SOLIDS[case](rng), name, rng)
+
+
+def check_solid(setup, name, rng, **options):
+    dim, steps = setup.lattice.dim, 60 if setup.lattice.dim < 3 else 25
+    points = np.array([(4.0, 3.2, 0.0), (-3.3, -5.0, 1.0)])[:, :dim] * (1 if dim < 3 else 0.6)
+    listening = fh.Receivers(points, ["u", "v"], interpolation="linear")
+    data = {one: 0.05 * rng.standard_normal((steps + 1, len(points), dim)) for one in ("u", "v")}
+    # Layers of solids filter short waves, by displacements instead of momenta; beside them runs are reciprocal to 1e-6.
+    filtered = any(side.stretched for side in setup.sides.values())
+    agreement = 1e-6 if filtered else 1e-8
+    check_taylor(setup, fh.LeastSquares(listening, data), name, steps * setup.dt, rng, agreement, **options)
+
+
+def diffusing(rng, sides, model, **options):
+    lattice = fh.Lattice(1.0, (-9.0, -8.0), (9.0, 9.0))
+    x, y = np.meshgrid(*lattice.axes, indexing="ij")
+    bell = np.exp(-((x + 1) ** 2 + (y - 1) ** 2) / 2)
+    source = fh.Source(np.roll(bell, 1, 1), fh.Expression("sin(t)"))
+    return fh.Setup(lattice, model(rng, lattice), sides, {"u": 0.3 + bell}, [source], background=0.3, **options)
+
+
+def matter(rng, lattice):
+    return fh.Diffusion(fh.Kernel(2.0), smooth(rng, lattice))
+
+
+def metal(rng, lattice):
+    maps = {name: smooth(rng, lattice) for name in ("density", "specific_heat", "conductivity")}
+    return fh.Heat(fh.Kernel(2.0), **maps)
+
+
+FLOWS = {
+    "layers": lambda rng, model: diffusing(rng, fh.LatticePML(nodes=12), model),
+    "walls": lambda rng, model: diffusing(rng, {"x": fh.Periodic(), "y-": fh.Fixed(0.5), "y+": fh.Free()}, model),
+    "crack": lambda rng, model: diffusing(rng, fh.LatticePML(nodes=12), model, cracks=[[(-2.2, -4.0), (3.3, 2.0)]]),
+}
+
+
+@pytest.mark.sampled(5)
+@pytest.mark.parametrize(
+    ("model", "name"),
+    [(matter, name) for name in ("diffusivity", "u", "source")]
+    + [(metal, name) for name in ("conductivity", "density", "specific_heat", "u", "source")],
+)
+@pytest.mark.parametrize("case", FLOWS)
+def test_the_remainder_of_diffusion_falls_as_the_square(case, model, name):
+    rng = drawn(f"{case} {model.__name__} {name}")
+    setup = FLOWS[case](rng, model)
+    setup = replace(setup, dt=fh.Simulation.of(setup).dt)
+    listening = fh.Receivers(LISTENING, interpolation="linear", every=3)
+    data = 0.3 + 0.05 * rng.standard_normal((STEPS // 3 + 1, len(LISTENING)))
+    check_taylor(setup, fh.LeastSquares(listening, data), name, STEPS * setup.dt, rng)
+
+
+STATES = {
+    "state-based": {"material": "state-based", "constants": ("bulk", "shear")},
+    "young and poisson": {"material": "state-based", "constants": ("young", "poisson")},
+    "correspondence": {"material": "correspondence", "constants": ("bulk", "shear"), "stabilisation": 0.1},
+}
+SIDES_OF_STATES = {
+    "layers": lambda rng, **given: solid(rng, fh.LatticePML(nodes=8), **given),
+    "walls": lambda rng, **given: solid(rng, {"x": fh.Fixed(), "y-": fh.Free(), "y+": fh.Extended(nodes=6)}, **given),
+    "periodic": lambda rng, **given: solid(rng, {"x": fh.Periodic(), "y": fh.Free()}, **given),
+    "crack": lambda rng, **given: solid(rng, fh.Sponge(5), [[(-2.2, -4.0), (3.3, 2.0)]], **given),
+    "space": lambda rng, **given: solid(rng, {"x": fh.Free(), "y": fh.Fixed(), "z": fh.Periodic()}, dim=3, **given),
+}
+
+
+@pytest.mark.sampled(7)
+@pytest.mark.parametrize("number", [0, 1, "density", "u", "source"])
+@pytest.mark.parametrize("material", STATES)
+@pytest.mark.parametrize("case", SIDES_OF_STATES)
+def test_the_remainder_of_states_falls_as_the_square(case, material, number):
+    rng = drawn(f"{material} {case} {number}")
+    given = STATES[material]
+    if material == "correspondence" and case == "layers":
+        pytest.skip("layers of correspondence materials filter the waves themselves: see the test below")
+    name = given["constants"][number] if isinstance(number, int) else number
+    check_solid(SIDES_OF_STATES[case](rng, **given), name, rng)
+
+
+def test_layers_of_correspondence_materials_are_reciprocal_up_to_their_filter():
+    """They damp zero-energy modes by a filter of both levels, which is not symmetric; what passes it is small."""
+    rng = drawn("correspondence layers")
+    setup = solid(rng, fh.LatticePML(nodes=8), **STATES["correspondence"])
+    listening = fh.Receivers([(3.0, 2.0)], interpolation="linear")
+    misfit = fh.LeastSquares(listening, 0.05 * rng.standard_normal((61, 1, 2)))
+    direction = rng.standard_normal(setup.lattice.shape)
+    direction *= fh.gradient(setup, misfit, "bulk", 60 * setup.dt)["bulk"] != 0
+    *_, slope, _, at = remainders(setup, misfit, "bulk", 60 * setup.dt, direction, [])
+    step = 2.0**-10
+    difference = (8 * (at(step) - at(-step)) - (at(2 * step) - at(-2 * step))) / (12 * step)
+    assert abs(difference - slope) < 1e-4 * abs(slope)

@@ -124,3 +124,66 @@ def correlate_inertia(u, row, w, after, now, before, own, total):
             earlier = u[row - step - 1, c] if before != 0 else present
             for i in range(total.size):
                 total[i] -= own[i] * one[i] * (after * later[i] + now * present[i] + before * earlier[i])
+
+
+@njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
+def correlate_states(u, row, w, shape, offsets, gradient, alive, laws, law_of, total):
+    """Subtract from `total`, shape (3, places), the sum over time of ``q(w) . L q(u)`` for the laws L of unit moduli.
+
+    The state q of a node is the sum over its bonds of G times the difference of the field along them.
+
+    Parameters
+    ----------
+    u, row, w, shape
+        As in `correlate_bonds`.
+    offsets : ndarray of int, shape (K, 3)
+        All bonds of a node.
+    gradient : ndarray, shape (K, n, components)
+    alive : ndarray, shape (K, places) or (0, 0)
+        Whether each bond is there; empty if all are.
+    laws : ndarray, shape (kinds, 3, n, n)
+    law_of : ndarray of int, shape (places,)
+        Which of these a node has; negative for places that do not count.
+    """
+    bonds, states, components = gradient.shape
+    n0, n1, n2 = shape
+    reach0, reach1, reach2 = np.abs(offsets[:, 0]).max(), np.abs(offsets[:, 1]).max(), np.abs(offsets[:, 2]).max()
+    count = n2 - 2 * reach2
+    mine, other = np.zeros((states, count)), np.zeros((states, count))
+    products = np.zeros((states, states, count))
+    for row0 in range(reach0, n0 - reach0):
+        for row1 in range(reach1, n1 - reach1):
+            here = (row0 * n1 + row1) * n2 + reach2
+            products[:] = 0
+            for step in range(w.shape[0]):
+                mine[:] = 0
+                other[:] = 0
+                for k in range(bonds):
+                    there = here + (offsets[k, 0] * n1 + offsets[k, 1]) * n2 + offsets[k, 2]
+                    for c in range(components):
+                        ui, uj = u[row - step, c, here:], u[row - step, c, there:]
+                        wi, wj = w[step, c, here:], w[step, c, there:]
+                        for a in range(states):
+                            size = gradient[k, a, c]
+                            if size != 0 and alive.shape[0]:
+                                of_u, of_w, there_is = mine[a], other[a], alive[k, here:]
+                                for x in range(count):
+                                    of_u[x] += size * there_is[x] * (uj[x] - ui[x])
+                                    of_w[x] += size * there_is[x] * (wj[x] - wi[x])
+                            elif size != 0:
+                                of_u, of_w = mine[a], other[a]
+                                for x in range(count):
+                                    of_u[x] += size * (uj[x] - ui[x])
+                                    of_w[x] += size * (wj[x] - wi[x])
+                for a in range(states):
+                    for b in range(states):
+                        out, one, two = products[a, b], other[a], mine[b]
+                        for x in range(count):
+                            out[x] += one[x] * two[x]
+            for x in range(count):
+                kind = law_of[here + x]
+                if kind >= 0:
+                    for m in range(3):
+                        for a in range(states):
+                            for b in range(states):
+                                total[m, here + x] -= laws[kind, m, a, b] * products[a, b, x]

@@ -139,18 +139,20 @@ class Past(NamedTuple):
     step: int
     arrays: tuple[np.ndarray, ...]
     phase: int
+    scale: float
 
     @classmethod
     def of(cls, sim: Simulation) -> Past:
         """Return a copy of the present state."""
-        return cls(sim.step_count, tuple(one.copy() for one in _parts_of(sim)), sim.engine.phase)
+        arrays = tuple(one.copy() for one in _parts_of(sim))
+        return cls(sim.step_count, arrays, sim.engine.phase, sim._march.feed.scale)
 
     def restore(self, sim: Simulation) -> None:
         """Bring a run of the same set-up into this state."""
         for kept, one in zip(self.arrays, _parts_of(sim), strict=True):
             one[...] = kept
         sim.engine.phase, sim.engine.steps_done, sim.step_count = self.phase, self.step, self.step
-        sim.time = self.step * sim.dt
+        sim.time, sim._march.feed.scale = self.step * sim.dt, self.scale
 
     @property
     def nbytes(self) -> int:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.inverse.correlation import RULES, correlate_bonds, correlate_inertia
+from farhorizon.inverse.correlation import RULES, correlate_bonds, correlate_inertia, correlate_states
 from farhorizon.inverse.history import Rows
 from farhorizon.inverse.patch import Patch
+from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.host import constants_of
@@ -35,20 +38,26 @@ class Medium:
 
     def __init__(self, setup: Setup, parts: Parts, patch: Patch, region: np.ndarray, constants: Sequence[str]) -> None:
         near = parts.near
-        self.patch, self.region, self.constants, self.near = patch, region, constants, near
-        self.values = constants_at_nodes(setup)
-        self._slopes = {name: slope_by(near.model, self.values, name) for name in constants}
-        stencil, lead = near.stencil, 3 - near.lattice.dim
-        ahead = np.array([tuple(offset) > (0,) * near.lattice.dim for offset in stencil.offsets])
+        self.patch, self.region, self.near = patch, region, near
+        values = constants_at_nodes(setup)
+        self._slopes = {name: slope_by(near.model, values, name) for name in constants}
+        states = near.states
+        offsets, weights = (
+            (near.stencil.offsets, near.stencil.weights) if states is None else (states.offsets, states.bonds)
+        )
+        lead = 3 - near.lattice.dim
+        ahead = np.array([tuple(offset) > (0,) * near.lattice.dim for offset in offsets])
         self._offsets = np.zeros((int(ahead.sum()), 3), np.int64)
-        self._offsets[:, lead:] = stencil.offsets[ahead]
+        self._offsets[:, lead:] = offsets[ahead]
         scale = near.model.coefficient / near.lattice.spacing**2
-        self._arms = arms_of(scale * stencil.weights[ahead])
-        self._factor = np.ones(patch.places) if near.factor is None else patch.over(near.factor)
+        self._arms = arms_of(scale * weights[ahead])
+        of_bonds = near.model.beside(values).times(near.coefficient).of_bonds
+        self._factor = np.ones(patch.places) if of_bonds is None else patch.over(of_bonds)
         self._exists = patch.exists(setup, parts.around.sides)
         self._begins = self._exists * ~patch.copies
-        self._lost = patch.lost(setup, stencil.offsets[ahead])
-        self._rule = RULES[rule_of(setup)]
+        self._lost = patch.lost(setup, offsets[ahead])
+        self._rule = RULES[rule_of(setup) if states is None else "arithmetic"]
+        self._states = None if states is None else States.on(patch, setup, states, scale, self._exists)
         self._of_bonds, self._of_inertia = np.zeros(patch.places), np.zeros(patch.places)
         dt, damped = near.dt, near.model.damping * near.dt
         self._inertia = (
@@ -56,8 +65,13 @@ class Medium:
             if near.model.order == 1
             else ((1 + damped) / dt**2, -2 / dt**2, (1 - damped) / dt**2)
         )
-        self._heavy = any(slope.density is not None and slope.density.any() for slope in self._slopes.values())
-        self._stiff = any(slope.stiffness is not None and slope.stiffness.any() for slope in self._slopes.values())
+        self._heavy = self._some("density")
+        self._stiff = self._some("springs" if states is not None else "stiffness") and bool(self._arms[:, :, 0].any())
+        self._strained = self._some("moduli")
+
+    def _some(self, name: str) -> bool:
+        slopes = [getattr(slope, name) for slope in self._slopes.values()]
+        return any(slope is not None and bool(slope.any()) for slope in slopes)
 
     def correlate(self, rows: Rows, n: int, w: np.ndarray) -> None:
         """Add the part of some steps of the adjoint run.
@@ -86,31 +100,98 @@ class Medium:
                 self._lost,
                 self._of_bonds,
             )
+        if self._states is not None and self._strained:
+            self._states.correlate(rows.values, row, w)
         if self._heavy:
             correlate_inertia(rows.values, row, w, *self._inertia, self.patch.own.astype(float), self._of_inertia)
 
     def derivatives(self) -> dict[str, np.ndarray]:
         """Return the derivatives by the constants, of the lattice's shape, zero outside the region."""
-        near = self.near
-        of_bonds, of_inertia = (
-            self.patch.onto(values) / near.model.source_factor for values in (self._of_bonds, self._of_inertia)
-        )
+        near, patch, unit = self.near, self.patch, 1 / self.near.model.source_factor
+        of_bonds, of_inertia = (unit * patch.onto(values) for values in (self._of_bonds, self._of_inertia))
+        of_bonds *= 1.0 if near.coefficient is None else near.coefficient
         found = {}
         for name, slope in self._slopes.items():
             total = np.zeros(near.lattice.shape)
-            if slope.stiffness is not None:
-                total += of_bonds * slope.stiffness * (1.0 if near.coefficient is None else near.coefficient)
+            if slope.of_bonds is not None:
+                total += of_bonds * slope.of_bonds
+            if slope.moduli is not None and self._states is not None:
+                total += unit * (patch.onto(self._states.total) * slope.moduli).sum(0)
             if slope.density is not None:
                 total += of_inertia * slope.density
             found[name] = np.where(self.region, total, 0.0)
         return found
 
 
+@dataclass(frozen=True, eq=False)
+class States:
+    """Sums of a gradient by the moduli of a material whose forces follow from states of the nodes.
+
+    Attributes
+    ----------
+    shape3, offsets, gradient, alive, laws, law_of
+        As in `correlate_states`.
+    total : ndarray, shape (3, places)
+        The sums so far.
+    """
+
+    shape3: np.ndarray
+    offsets: np.ndarray
+    gradient: np.ndarray
+    alive: np.ndarray
+    laws: np.ndarray
+    law_of: np.ndarray
+    total: np.ndarray
+
+    @classmethod
+    def on(cls, patch: Patch, setup: Setup, states: ForceStates, scale: float, exists: np.ndarray) -> States:
+        """Return the states of the nodes of a patch, for an operator in units of `scale`."""
+        dim, ratio = patch.lattice.dim, float(np.vdot(states.divergence, states.gradient.transpose(0, 2, 1)))
+        ratio *= scale / float((states.gradient**2).sum())  # D is this multiple of the transposed G
+        offsets = np.zeros((len(states.offsets), 3), np.int64)
+        offsets[:, 3 - dim :] = states.offsets
+        alive = _alive(patch, setup, states.offsets, exists)
+        shapes = np.tensordot(alive, states.shapes, ((0,), (0,))).round(14)
+        odd = ~alive.all(0)
+        kinds, numbers = np.unique(shapes[odd].reshape(-1, dim * dim), axis=0, return_inverse=True)
+        every = np.concatenate([np.eye(dim)[None], kinds.reshape(-1, dim, dim)])
+        laws = np.stack([states.law(every, np.tile(unit, (len(every), 1))) for unit in np.eye(3)], axis=1)
+        law_of = np.zeros(patch.places, np.int64)
+        law_of[odd] = 1 + numbers.ravel()
+        law_of[(exists == 0) | patch.copies] = -1
+        nothing = np.zeros((0, 0))
+        total = np.zeros((3, patch.places))
+        return cls(patch.shape3, offsets, states.gradient, alive if odd.any() else nothing, ratio * laws, law_of, total)
+
+    def correlate(self, u: np.ndarray, row: int, w: np.ndarray) -> None:
+        """Add the part of some steps; see `correlate_states`."""
+        given = self.shape3, self.offsets, self.gradient, self.alive, self.laws, self.law_of
+        correlate_states(u, row, w, *given, self.total)
+
+
+def _alive(patch: Patch, setup: Setup, offsets: np.ndarray, exists: np.ndarray) -> np.ndarray:
+    """Return 1 for each bond of the places of a patch that is there, 0 for others, shape (K, places)."""
+    there = exists.reshape(patch.shape)
+    reach = np.abs(offsets).max(0)
+    # what lies beyond the patch is read by no node that counts
+    wide = np.pad(there, [(m, m) for m in reach], constant_values=1.0)
+    found = np.empty((len(offsets), patch.places))
+    for row, offset in zip(found, offsets, strict=True):
+        other = wide[tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, patch.shape, strict=True))]
+        row[:] = (there * other).ravel()
+    lost = patch.lost(setup, offsets)
+    return found * (lost == 0) if lost.size else found
+
+
 def constants_at_nodes(setup: Setup) -> dict[str, np.ndarray]:
     """Return all constants that affect the waves of a model at the nodes of its lattice."""
     model, shape = setup.model, setup.lattice.shape
     found = {name: np.full(shape, value) for name, value in model.wave_constants.items() if isinstance(value, float)}
-    return {**found, **constants_of(setup)}
+    found |= {name: values for name, values in constants_of(setup).items() if name in model.wave_constants}
+    there = setup.lattice.existing
+    if there is None:
+        return found
+    return {name: np.where(there, values, values[there].mean()) for name, values in found.items()}
 
 
 def rule_of(setup: Setup) -> str:
@@ -126,7 +207,9 @@ def slope_by(model: object, values: dict[str, np.ndarray], name: str) -> Variati
     """
     step = _STEP * np.abs(values[name]).max()
     moved = {**values, name: values[name] + 1j * step}
-    found = model.beside(moved)  # type: ignore[attr-defined]
+    with warnings.catch_warnings():  # checks of ranges look at the real parts
+        warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
+        found = model.beside(moved)  # type: ignore[attr-defined]
 
     def slope(given: np.ndarray | None) -> np.ndarray | None:
         return None if given is None else np.imag(given) / step
