@@ -18,6 +18,7 @@ from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.patch import Patch
 from farhorizon.machine import available_memory
 from farhorizon.simulation.course import checked_end
+from farhorizon.simulation.receivers import Receivers
 from farhorizon.simulation.recorder import Heard
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
@@ -38,6 +39,8 @@ class Gradient(Mapping[str, np.ndarray]):
         For each misfit, the records of the run.
     setup : Setup
         That of the run, with its time step and its sides as chosen: a gradient of it makes none of these choices again.
+    illumination : ndarray or None
+        Sum of ``u . u`` over the steps, of the lattice's shape, zero outside the region; None if it was not asked for.
 
     Examples
     --------
@@ -53,6 +56,7 @@ class Gradient(Mapping[str, np.ndarray]):
     derivatives: dict[str, np.ndarray]
     records: list[Arrays]
     setup: Setup
+    illumination: np.ndarray | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.derivatives[name]
@@ -73,6 +77,7 @@ def gradient(
     region: Any = None,
     memory: float | None = None,
     precision: str = "float64",
+    illumination: bool = False,
 ) -> Gradient:
     """Return a misfit of what receivers record, and its gradient: exact for the discrete run, at the cost of two runs.
 
@@ -95,6 +100,8 @@ def gradient(
         fit is computed a second time, piece by piece, from states that are kept on the way.
     precision : {"float64", "float32"}
         Number type of the history.
+    illumination : bool
+        Also return how much of the run each node has seen, by which a gradient may be divided.
 
     Returns
     -------
@@ -126,7 +133,14 @@ def gradient(
     """
     given = setup.setup if isinstance(setup, Simulation) else kinds.instance(setup, "setup", Setup, "a Setup")
     misfits = [misfit] if isinstance(misfit, Misfit) else kinds.sequence(misfit, "misfit", "misfits")
-    return _Gradient(given, misfits, wrt, until, region, memory, precision).found()
+    return _Gradient(given, misfits, wrt, until, region, memory, precision).found(
+        kinds.flag(illumination, "illumination")
+    )
+
+
+def receivers_of(misfits: Sequence[Misfit]) -> list[Receivers]:
+    """Return the receivers of some misfits, each once."""
+    return list({id(one.receivers): one.receivers for one in misfits}.values())
 
 
 class _Gradient:
@@ -146,9 +160,9 @@ class _Gradient:
         kinds.one_of(precision, "precision", ("float64", "float32"), "unknown number type")
         budget = available_memory() / 2 if memory is None else kinds.number(memory, "memory", above=0)
         check_linear(setup, self.asked)
-        observe = [one.receivers for one in misfits]
+        observe = receivers_of(misfits)
         sim = Simulation.of(setup, observe=observe)
-        inside = check_region(region, sim, self.asked)
+        self.inside = inside = check_region(region, sim, self.asked)
         end = checked_end(until, sim.dt)
         check_misfits(misfits, last_step(end, sim.dt), sim.stencil.components)
         self.steps = sim.prepare(end)  # chooses layers, by trials
@@ -173,7 +187,7 @@ class _Gradient:
             return sim, Whole(sim, self.rows, self.steps)
         return sim, Remade.within(budget, row, sim, self.setup, self.rows, self.steps)
 
-    def found(self) -> Gradient:
+    def found(self, illumination: bool) -> Gradient:
         """Make the two runs."""
         sim, shift = self.sim, self.steps + self.sim.model.order - 1
         if self.history is None:
@@ -184,16 +198,20 @@ class _Gradient:
         value, residuals = self._residuals(records)
         seen = _Correlation(self, shift)
         back = adjoint_run(self.setup, residuals, shift, [seen])
+        seen_by_nodes = np.zeros(self.patch.places)
         for piece in [Piece(0, self.steps, self.rows)] if self.history is None else self.history.backward():
             seen.piece = piece
+            if illumination and self.history is not None:
+                seen_by_nodes += piece.energy()
             advance(back, seen.patch, shift - piece.first - back.step_count)
         derivatives: dict[str, np.ndarray] = {}
+        light = np.where(self.inside, self.patch.onto(seen_by_nodes * self.patch.own), 0.0) if illumination else None
         if self.medium is not None:
             derivatives |= self.medium.derivatives()
         derivatives |= seen.by_source
         if self.asked.initial:
             derivatives |= self._by_initial(back)
-        return Gradient(value, derivatives, records, self.setup)
+        return Gradient(value, derivatives, records, self.setup, light)
 
     def _residuals(self, records: list[Arrays]) -> tuple[float, Residuals]:
         """Return the sum of the misfits, and their derivatives by the field.

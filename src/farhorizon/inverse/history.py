@@ -132,6 +132,13 @@ class Piece(NamedTuple):
     end: int
     rows: Rows
 
+    def energy(self) -> np.ndarray:
+        """Return the sum of ``u . u`` over the steps, shape (places,)."""
+        found = np.zeros(self.rows.patch.places)
+        for row in self.rows.values[self.first - self.rows.first : self.end - self.rows.first]:
+            found += (row.astype(float) ** 2).sum(0)
+        return found
+
 
 class Past(NamedTuple):
     """The state of a run between two steps."""

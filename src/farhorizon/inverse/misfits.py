@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -69,6 +70,22 @@ class Misfit(ABC):
             Of the shapes of the records.
         """
 
+    def below(self, frequency: float) -> Misfit:
+        """Return the same misfit of records and data whose frequencies above one are left out.
+
+        Raises
+        ------
+        InputError
+            Misfits other than least squares have no such form, unless their class defines it.
+        """
+        raise InputError(
+            "this misfit cannot leave out high frequencies",
+            value=type(self).__name__,
+            limit="LeastSquares",
+            key="frequencies",
+            remedy="leave them out, or define `below` in its class",
+        )
+
     def check(self, rows: int, components: int) -> None:  # noqa: B027
         """Refuse data that do not fit records of a number of rows.
 
@@ -113,6 +130,7 @@ class LeastSquares(Misfit):
         for name in given:
             kinds.one_of(name, "misfit.data", receivers.record, "the receivers do not record this quantity")
         self.data = {name: kinds.array(values, f"misfit.data.{name}") for name, values in given.items()}
+        self.frequency: float | None = None
         self.weights = kinds.array(weights, "misfit.weights")
         if self.weights.min(initial=0) < 0:
             raise InputError(
@@ -144,11 +162,30 @@ class LeastSquares(Misfit):
                     remedy="a number, or an array that broadcasts to the data",
                 ) from None
 
+    def below(self, frequency: float) -> LeastSquares:
+        """Return the same misfit of records and data whose frequencies above one are left out, smoothly, by the square
+        of a Butterworth filter of fourth order, without a shift in time.
+        """
+        found = copy.copy(self)
+        found.frequency = kinds.number(frequency, "frequency", above=0)
+        return found
+
     def of(self, records: Arrays, times: np.ndarray) -> tuple[float, Arrays]:
         """Return the misfit of records, and its derivative by each of them."""
-        residuals = {name: records[name] - data for name, data in self.data.items()}
-        value = sum(float((self.weights * residual**2).sum()) for residual in residuals.values()) / 2
-        return value, {name: self.weights * residual for name, residual in residuals.items()}
+        value, slopes = 0.0, {}
+        for name, data in self.data.items():
+            residual = self._passed(records[name] - data, times)
+            value += float((self.weights * residual**2).sum()) / 2
+            slopes[name] = self._passed(self.weights * residual, times)  # the filter is symmetric
+        return value, slopes
+
+    def _passed(self, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+        if self.frequency is None or len(times) < 2:
+            return values
+        count = 2 * len(times)  # zeros behind, so that the end does not wrap around to the start
+        gain = 1 / (1 + (np.fft.rfftfreq(count, times[1] - times[0]) / self.frequency) ** 8)
+        spectrum = np.fft.rfft(values, count, axis=0) * gain.reshape(-1, *[1] * (values.ndim - 1))
+        return np.fft.irfft(spectrum, count, axis=0)[: len(times)]
 
 
 class OwnMisfit(Misfit):

@@ -1,0 +1,71 @@
+"""Smoothing of maps, and what a rough map costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothing:
+    """Means of values under a Gaussian, over the nodes that exist.
+
+    Attributes
+    ----------
+    width : float
+        Standard deviation of the Gaussian, in spacings; 0 changes nothing.
+    exists : ndarray of bool
+    """
+
+    width: float
+    exists: np.ndarray
+
+    def _spread(self, values: np.ndarray) -> np.ndarray:
+        return np.asarray(gaussian_filter(np.where(self.exists, values, 0.0), self.width, mode="constant"))
+
+    @property
+    def _whole(self) -> np.ndarray:
+        return np.where(self.exists, self._spread(np.ones(self.exists.shape)), 1.0)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the smooth values: between the least and the largest of those given."""
+        return self._spread(values) / self._whole if self.width else values
+
+    def transposed(self, slopes: np.ndarray) -> np.ndarray:
+        """Return the derivative by the given values, from that by the smooth ones."""
+        return self._spread(slopes / self._whole) * self.exists if self.width else slopes
+
+
+def roughness(
+    values: np.ndarray, region: np.ndarray, tikhonov: float, variation: float, floor: float
+) -> tuple[float, np.ndarray]:
+    """Return a penalty on differences between neighbours, at least one of which lies in a region, and its derivative.
+
+    It is the mean over the region of ``tikhonov / 2 sum d^2 + variation (sqrt(sum d^2 + floor^2) - floor)`` with the
+    differences d ahead of a node along each axis.
+
+    Parameters
+    ----------
+    values, region : ndarray
+    tikhonov, variation : float
+        Weights of the sum of squares, which prefers smooth maps, and of the total variation, which allows edges.
+    floor : float
+        Differences that count as small.
+    """
+    count, slope = max(1, int(region.sum())), np.zeros(values.shape)
+    ahead, squares = [], np.zeros(values.shape)
+    for axis in range(values.ndim):
+        low = tuple(slice(None, -1) if a == axis else slice(None) for a in range(values.ndim))
+        high = tuple(slice(1, None) if a == axis else slice(None) for a in range(values.ndim))
+        step = np.where(region[low] | region[high], values[high] - values[low], 0.0)
+        ahead.append((low, high, step))
+        squares[low] += step**2
+    length = np.sqrt(squares + floor**2)
+    total = tikhonov / 2 * squares.sum() + variation * (length - floor).sum()
+    for low, high, step in ahead:
+        pull = (tikhonov + variation / length[low]) * step
+        slope[high] += pull
+        slope[low] -= pull
+    return float(total) / count, slope / count
