@@ -74,6 +74,7 @@ from farhorizon.inputs.specimens import Specimen as Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad as ThermalLoad
 from farhorizon.inverse.gradient import Gradient as Gradient
 from farhorizon.inverse.gradient import gradient as gradient
+from farhorizon.inverse.image import image as image
 from farhorizon.inverse.invert import Inversion as Inversion
 from farhorizon.inverse.invert import invert as invert
 from farhorizon.inverse.misfits import LeastSquares as LeastSquares

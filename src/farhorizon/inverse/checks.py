@@ -247,3 +247,28 @@ def check_misfits(misfits: Sequence[Misfit], steps: int, components: int) -> Non
             one.check(steps // one.receivers.every + 1, components)
         except InputError as error:
             raise error.at(error.key.replace("misfit", key, 1)) from None
+
+
+def shots_of(shots: Any) -> list[tuple[Setup, list[Misfit]]]:
+    """Return shots as pairs of a set-up and a list of misfits.
+
+    Raises
+    ------
+    InputError
+        No shot, or something else.
+    """
+    given = kinds.sequence(shots, "shots", "pairs (set-up, misfit)")
+    if not given:
+        raise InputError("there is no shot", value=0, limit=">= 1", key="shots", remedy="[(setup, misfit)]")
+    return [_shot(one, i) for i, one in enumerate(given)]
+
+
+def _shot(given: Any, number: int) -> tuple[Setup, list[Misfit]]:
+    key = f"shots[{number}]"
+    if not (isinstance(given, list | tuple) and len(given) == 2):
+        raise InputError("a shot is a set-up and a misfit", value=kinds.said(given), key=key, remedy="(setup, misfit)")
+    setup = kinds.instance(given[0], f"{key}.setup", Setup, "a Setup")
+    misfits = [given[1]] if isinstance(given[1], Misfit) else kinds.sequence(given[1], f"{key}.misfit", "misfits")
+    for one in misfits:
+        kinds.instance(one, f"{key}.misfit", Misfit, "a misfit", "LeastSquares(receivers, data)")
+    return setup, misfits

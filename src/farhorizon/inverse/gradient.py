@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -136,6 +136,31 @@ def gradient(
     return _Gradient(given, misfits, wrt, until, region, memory, precision).found(
         kinds.flag(illumination, "illumination")
     )
+
+
+class Returning(NamedTuple):
+    """A run that has been made, and what drives its adjoint.
+
+    Attributes
+    ----------
+    setup : Setup
+        With all choices made.
+    residuals : Residuals
+    shift : int
+        Step of the run plus that of its adjoint.
+    """
+
+    setup: Setup
+    residuals: Residuals
+    shift: int
+
+
+def residuals_of(setup: Setup, misfits: Sequence[Misfit], until: float) -> Returning:
+    """Make a run, and return what its misfits send back; raises InputError as `gradient` does."""
+    run = _Gradient(setup, misfits, "u", until, None, None, "float64")
+    run.sim.step(run.steps)
+    _, residuals = run._residuals([dict(one.receivers.data) for one in misfits])
+    return Returning(run.setup, residuals, run.steps + run.sim.model.order - 1)
 
 
 def receivers_of(misfits: Sequence[Misfit]) -> list[Receivers]:

@@ -16,7 +16,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.engine import at_most, available_threads
 from farhorizon.errors import InputError
-from farhorizon.inverse.checks import asked_for, check_linear, check_region
+from farhorizon.inverse.checks import asked_for, check_linear, check_region, shots_of
 from farhorizon.inverse.files import Stored, digest_of, read_inversion, write_inversion
 from farhorizon.inverse.gradient import Gradient, gradient, receivers_of
 from farhorizon.inverse.medium import constants_at_nodes, rule_of
@@ -205,9 +205,7 @@ class _Problem:
     @classmethod
     def of(cls, shots: Any, wrt: Any, until: float, bounds: Any, region: Any) -> _Problem:
         """Check what is given, and settle the time steps and the sides of the shots for the start."""
-        given = [_shot(one, i) for i, one in enumerate(kinds.sequence(shots, "shots", "pairs (set-up, misfit)"))]
-        if not given:
-            raise InputError("there is no shot", value=0, limit=">= 1", key="shots", remedy="[(setup, misfit)]")
+        given = shots_of(shots)
         first = given[0][0]
         asked = asked_for(first, wrt)
         if not asked.constants or asked.initial or asked.sources:
@@ -253,17 +251,6 @@ class _Problem:
 def _alike(one: Arrays, other: Arrays) -> bool:
     """Whether two media have the same constants at the same nodes."""
     return one.keys() == other.keys() and all(np.array_equal(values, other[name]) for name, values in one.items())
-
-
-def _shot(given: Any, number: int) -> tuple[Setup, list[Misfit]]:
-    key = f"shots[{number}]"
-    if not (isinstance(given, list | tuple) and len(given) == 2):
-        raise InputError("a shot is a set-up and a misfit", value=kinds.said(given), key=key, remedy="(setup, misfit)")
-    setup = kinds.instance(given[0], f"{key}.setup", Setup, "a Setup")
-    misfits = [given[1]] if isinstance(given[1], Misfit) else kinds.sequence(given[1], f"{key}.misfit", "misfits")
-    for one in misfits:
-        kinds.instance(one, f"{key}.misfit", Misfit, "a misfit", "LeastSquares(receivers, data)")
-    return setup, misfits
 
 
 def _bounds(name: str, given: Any, start: np.ndarray, setup: Setup) -> tuple[float, float]:
