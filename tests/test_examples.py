@@ -261,3 +261,31 @@ def test_valley():
     whole = (slow**2 - 2 * p**2) ** 2 + 4 * p**2 * qp * qs
     horizontal = 2 * slow * qs * (slow**2 - 2 * p**2) / whole  # Aki and Richards, section 5.2
     assert np.abs(ground.values[:, 0, 0]).max() == pytest.approx(0.01 * horizontal, rel=0.02)
+
+
+@pytest.mark.slow
+def test_hidden_inclusion():
+    """Contrast within 10 % and centre within half a spacing from data without noise, within 20 % with 5 % of noise; a
+    sponge as thick as the layer makes an error of the map at least twice as large.
+    """
+    example = script("hidden_inclusion")
+    layer, noisy, sponge = (
+        example["measured"](example["inverted"](sides, noise))
+        for sides, noise in ((example["LAYER"], 0.0), (example["LAYER"], 0.05), (example["SPONGE"], 0.0))
+    )
+    assert abs(layer[0] - example["CONTRAST"]) < 0.1 * example["CONTRAST"]
+    assert np.abs(layer[1] - example["CENTRE"]).max() < 0.5
+    assert abs(noisy[0] - example["CONTRAST"]) < 0.2 * example["CONTRAST"]
+    assert sponge[2] > 2 * layer[2]
+
+
+@pytest.mark.slow
+def test_released_heat():
+    """The places to a fifth of a length of 1, the heats to a tenth, from data with one percent of noise."""
+    example = script("released_heat")
+    left = example["released"](example["measured"]())
+    for (x, y), heat in example["SPOTS"].items():
+        near = np.hypot(example["X"] - x, example["Y"] - y) < 2
+        place = (np.stack([example["X"], example["Y"]]) * left)[:, near].sum(1) / left[near].sum()
+        assert np.abs(place - (x, y)).max() < 0.2
+        assert abs(left[near].sum() * example["LATTICE"].spacing ** 2 / heat - 1) < 0.1

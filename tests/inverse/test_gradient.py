@@ -1,7 +1,9 @@
 """Gradients against the runs themselves: Taylor remainders in random directions, for every kind of side."""
 
 import os
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -292,3 +294,11 @@ def test_layers_of_correspondence_materials_are_reciprocal_up_to_their_filter():
     step = 2.0**-10
     difference = (8 * (at(step) - at(-step)) - (at(2 * step) - at(-2 * step))) / (12 * step)
     assert abs(difference - slope) < 1e-4 * abs(slope)
+
+
+def test_the_how_to_computes_what_it_says(capsys):
+    """Its blocks are one program; the remainders of its Taylor test fall by four for half the step."""
+    text = (Path(__file__).parents[2] / "docs/howto/invert.md").read_text(encoding="utf-8")
+    exec("\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)), {})
+    *_, coarse, middle, fine = (float(line.split()[1]) for line in capsys.readouterr().out.splitlines()[-3:])
+    assert 3 < coarse / middle < 5 and 3.5 < middle / fine < 4.5
