@@ -53,6 +53,7 @@ TINY = Case("""lattice = { spacing = 0.5, lower = [-3.0], upper = [3.0] }
 model = { type = "wave", kernel = { horizon = 1.0 } }
 boundary = { all = { type = "fixed" } }
 run = { until = 1.0 }""")
+STILL = fh.Setup(LINE, fh.Wave(KERNEL), fh.Fixed(), {"u": "exp(-x**2)"}, dt=0.1)
 SETUP = {
     "lattice": LINE,
     "model": fh.Wave(KERNEL),
@@ -275,6 +276,46 @@ RIGHT = {
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0},
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
+    "LeastSquares": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
+    "OwnMisfit": {"receivers": fh.Receivers([0.0]), "function": lambda records, times: (0.0, {})},
+    "gradient": {
+        "setup": STILL,
+        "misfit": fh.LeastSquares(fh.Receivers([0.0]), np.zeros((3, 1))),
+        "wrt": "speed",
+        "until": 0.2,
+        "region": None,
+        "memory": None,
+        "precision": "float64",
+        "illumination": False,
+    },
+    "image": {
+        "shots": [(STILL, fh.LeastSquares(fh.Receivers([0.0]), np.zeros((3, 1))))],
+        "until": 0.2,
+        "show": "reflectors",
+        "region": None,
+        "memory": None,
+        "precision": "float64",
+    },
+    "invert": {
+        "shots": [(STILL, fh.LeastSquares(fh.Receivers([0.0]), np.zeros((3, 1))))],
+        "wrt": "speed",
+        "until": 0.2,
+        "bounds": {"speed": (0.5, 1.5)},
+        "region": None,
+        "iterations": 1,
+        "tolerance": 1e-6,
+        "smooth": 0.0,
+        "tikhonov": 0.0,
+        "variation": 0.0,
+        "frequencies": (None,),
+        "illumination": True,
+        "output": None,
+        "callback": None,
+        "jobs": 1,
+        "memory": None,
+        "precision": "float64",
+        "progress": None,
+    },
     "open_results": {"path": "no such file", "verify": True},
     "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
@@ -313,8 +354,11 @@ RIGHT = {
     },
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
-# a result, which is not made by hand, names of materials, and base classes of boundaries, models and signals
-NOT_MADE = {"Certificate", "materials", "LatticeModel", "Load", "Shape", "Side", "Signal"}
+# results, which are not made by hand, names of materials, and base classes of boundaries, loads, misfits, models, shapes
+# and signals
+NOT_MADE = {"Certificate", "Gradient", "Inversion", "materials", "LatticeModel"} | {
+    *("Load", "Misfit", "Shape", "Side", "Signal")
+}
 
 
 def _or_input_error(call):

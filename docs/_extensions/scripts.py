@@ -191,6 +191,34 @@ def mesh_scatterer(names: Names) -> Figure:
     return figure
 
 
+def hidden_inclusion(names: Names) -> Figure:
+    """The true speed, and what was found between a layer and between a sponge."""
+    found = {"true speed": names["TRUTH"]}
+    found |= {f"between a {name}": names["inverted"](names[name.upper()]) for name in ("layer", "sponge")}
+    figure = Figure(figsize=(10.0, 3.4), layout="constrained")
+    panels = figure.subplots(1, 3, sharey=True)
+    for panel, (title, speed) in zip(panels, found.items(), strict=True):
+        drawn = panel.imshow(speed.T, origin="lower", extent=(-24, 24, -24, 24), vmin=0.95, vmax=1.25)
+        panel.plot(*names["ring"](32, 17.0).T, "w.", markersize=3)
+        panel.set(title=title, xlabel="x")
+    figure.colorbar(drawn, ax=panels)
+    return figure
+
+
+def released_heat(names: Names) -> Figure:
+    """The temperature at t = 0 that was found, with the true places and the sensors."""
+    misfit = names["measured"]()
+    figure = Figure(figsize=(5.4, 4.4), layout="constrained")
+    panel = figure.add_subplot()
+    drawn = panel.imshow(names["released"](misfit).T, cmap="inferno", origin="lower", extent=(-10, 10, -10, 10))
+    panel.plot(*misfit.receivers.points.T, "w.", markersize=3, label="sensors")
+    panel.plot(*np.array(list(names["SPOTS"])).T, "c+", markersize=10, label="true places")
+    panel.set(title="temperature at t = 0, from what was measured later", xlabel="x", ylabel="y")
+    panel.legend(loc="upper right", fontsize="small")
+    figure.colorbar(drawn)
+    return figure
+
+
 def main() -> None:
     script, picture = map(Path, sys.argv[1:])
     globals()[script.stem](runpy.run_path(str(script))).savefig(picture, dpi=150)

@@ -234,6 +234,15 @@ def check_region(region: Any, sim: Simulation, asked: Asked) -> np.ndarray:
     return inside
 
 
+def misfits_of(given: Any, key: str = "misfit") -> list[Misfit]:
+    """Return one or several misfits as a list; raises InputError for anything else."""
+    misfits = [given] if isinstance(given, Misfit) else kinds.sequence(given, key, "misfits")
+    for i, one in enumerate(misfits):
+        name = f"{key}[{i}]" if len(misfits) > 1 else key
+        kinds.instance(one, name, Misfit, "a misfit", "LeastSquares(receivers, data)")
+    return misfits
+
+
 def check_misfits(misfits: Sequence[Misfit], steps: int, components: int) -> None:
     """Refuse misfits whose data do not fit a run of some steps."""
     if not misfits:
@@ -242,7 +251,6 @@ def check_misfits(misfits: Sequence[Misfit], steps: int, components: int) -> Non
         )
     for i, one in enumerate(misfits):
         key = f"misfit[{i}]" if len(misfits) > 1 else "misfit"
-        kinds.instance(one, key, Misfit, "a misfit", "LeastSquares(receivers, data)")
         try:
             one.check(steps // one.receivers.every + 1, components)
         except InputError as error:
@@ -268,7 +276,4 @@ def _shot(given: Any, number: int) -> tuple[Setup, list[Misfit]]:
     if not (isinstance(given, list | tuple) and len(given) == 2):
         raise InputError("a shot is a set-up and a misfit", value=kinds.said(given), key=key, remedy="(setup, misfit)")
     setup = kinds.instance(given[0], f"{key}.setup", Setup, "a Setup")
-    misfits = [given[1]] if isinstance(given[1], Misfit) else kinds.sequence(given[1], f"{key}.misfit", "misfits")
-    for one in misfits:
-        kinds.instance(one, f"{key}.misfit", Misfit, "a misfit", "LeastSquares(receivers, data)")
-    return setup, misfits
+    return setup, misfits_of(given[1], f"{key}.misfit")

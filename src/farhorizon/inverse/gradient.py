@@ -11,7 +11,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.geometry.interpolation import interpolation_blocks
 from farhorizon.inverse.adjoint import Residuals, adjoint_run
-from farhorizon.inverse.checks import asked_for, check_linear, check_misfits, check_region
+from farhorizon.inverse.checks import asked_for, check_linear, check_misfits, check_region, misfits_of
 from farhorizon.inverse.history import PatchRecorder, Piece, Remade, Rows, Whole, advance
 from farhorizon.inverse.medium import Medium
 from farhorizon.inverse.misfits import Arrays, Misfit
@@ -132,7 +132,7 @@ def gradient(
     ((25, 25), (60,))
     """
     given = setup.setup if isinstance(setup, Simulation) else kinds.instance(setup, "setup", Setup, "a Setup")
-    misfits = [misfit] if isinstance(misfit, Misfit) else kinds.sequence(misfit, "misfit", "misfits")
+    misfits = misfits_of(misfit)
     return _Gradient(given, misfits, wrt, until, region, memory, precision).found(
         kinds.flag(illumination, "illumination")
     )

@@ -16,6 +16,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.engine import at_most, available_threads
 from farhorizon.errors import InputError
+from farhorizon.files.hdf5 import directory_of
 from farhorizon.inverse.checks import asked_for, check_linear, check_region, shots_of
 from farhorizon.inverse.files import Stored, digest_of, read_inversion, write_inversion
 from farhorizon.inverse.gradient import Gradient, gradient, receivers_of
@@ -182,10 +183,18 @@ def invert(
         kinds.number(value, name, least=0)
     kinds.integer(iterations, "iterations", least=0)
     kinds.integer(jobs, "jobs", least=1)
-    stages = [one if one is None else kinds.number(one, "frequencies", above=0) for one in frequencies]
+    kinds.flag(illumination, "illumination")
+    if callback is not None:
+        kinds.function(callback, "callback", "inversion")
+    given = kinds.sequence(frequencies, "frequencies", "frequencies")
+    if not given:
+        raise InputError("there is no stage", value=given, limit=">= 1", key="frequencies", remedy="[None] for all")
+    stages = [one if one is None else kinds.number(one, "frequencies", above=0) for one in given]
     for one, (_, misfits) in itertools.product(stages, asked.shots):
         _ = [misfit if one is None else misfit.below(one) for misfit in misfits]
     path = None if output is None else kinds.path(output, "output")
+    if path is not None:
+        directory_of(path)
     solver = _Solver(asked, smooth, tikhonov, variation, illumination, {"memory": memory, "precision": precision})
     with _evaluating(jobs, len(asked.shots)) as evaluate:
         return solver.solve(stages, iterations, tolerance, path, callback, evaluate, progress)
