@@ -302,7 +302,7 @@ RIGHT = {
         "until": 0.2,
         "bounds": {"speed": (0.5, 1.5)},
         "region": None,
-        "iterations": 1,
+        "iterations": 0,
         "tolerance": 1e-6,
         "smooth": 0.0,
         "tikhonov": 0.0,

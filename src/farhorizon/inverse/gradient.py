@@ -20,6 +20,7 @@ from farhorizon.machine import available_memory
 from farhorizon.simulation.course import checked_end
 from farhorizon.simulation.receivers import Receivers
 from farhorizon.simulation.recorder import Heard
+from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.simulation.steps import last_step
@@ -185,8 +186,7 @@ class _Gradient:
         kinds.one_of(precision, "precision", ("float64", "float32"), "unknown number type")
         budget = available_memory() / 2 if memory is None else kinds.number(memory, "memory", above=0)
         check_linear(setup, self.asked)
-        observe = receivers_of(misfits)
-        sim = Simulation.of(setup, observe=observe)
+        sim = Simulation.of(setup, observe=receivers_of(misfits))
         self.inside = inside = check_region(region, sim, self.asked)
         end = checked_end(until, sim.dt)
         check_misfits(misfits, last_step(end, sim.dt), sim.stencil.components)
@@ -200,15 +200,16 @@ class _Gradient:
         )
         walls = self.patch.held(sim.sides, sim.background)
         self.rows = Rows(self.patch, walls, precision)
-        self.sim, self.history = self._with_history(sim, observe, budget)
+        self.sim, self.history = self._with_history(sim, budget)
 
-    def _with_history(self, sim: Simulation, observe: list[Any], budget: float) -> tuple[Simulation, Any]:
+    def _with_history(self, sim: Simulation, budget: float) -> tuple[Simulation, Any]:
         """Return the run, at its start, and what keeps its history."""
         if self.medium is None:
             return sim, None
         row = sim.stencil.components * self.patch.places * np.dtype(self.rows.real).itemsize
         if (self.steps + 2) * row <= budget:
-            sim = Simulation.of(self.setup, observe=[*observe, self.rows])
+            sim.recorders.append(self.rows)  # in place of a simulation that differs by this recorder alone
+            sim._recording = Recording(sim.setup, sim.parts, sim.recorders)
             return sim, Whole(sim, self.rows, self.steps)
         return sim, Remade.within(budget, row, sim, self.setup, self.rows, self.steps)
 

@@ -184,8 +184,11 @@ def invert(
     kinds.integer(iterations, "iterations", least=0)
     kinds.integer(jobs, "jobs", least=1)
     kinds.flag(illumination, "illumination")
+    show = None if progress is None else kinds.flag(progress, "progress")
     if callback is not None:
         kinds.function(callback, "callback", "inversion")
+        if isinstance(callback, np.ufunc):
+            raise InputError("a function of numbers", value=callback, limit="one of an Inversion", key="callback")
     given = kinds.sequence(frequencies, "frequencies", "frequencies")
     if not given:
         raise InputError("there is no stage", value=given, limit=">= 1", key="frequencies", remedy="[None] for all")
@@ -197,7 +200,7 @@ def invert(
         directory_of(path)
     solver = _Solver(asked, smooth, tikhonov, variation, illumination, {"memory": memory, "precision": precision})
     with _evaluating(jobs, len(asked.shots)) as evaluate:
-        return solver.solve(stages, iterations, tolerance, path, callback, evaluate, progress)
+        return solver.solve(stages, iterations, tolerance, path, callback, evaluate, show)
 
 
 @dataclass(frozen=True, eq=False)
