@@ -354,8 +354,7 @@ RIGHT = {
     },
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
-# results, which are not made by hand, names of materials, and base classes of boundaries, loads, misfits, models, shapes
-# and signals
+# results, which are not made by hand, names of materials, and base classes
 NOT_MADE = {"Certificate", "Gradient", "Inversion", "materials", "LatticeModel"} | {
     *("Load", "Misfit", "Shape", "Side", "Signal")
 }

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import farhorizon as fh
@@ -188,6 +189,20 @@ def mesh_scatterer(names: Names) -> Figure:
         drawn = panel.tripcolor(*near.p, near.t.T, u, cmap="RdBu_r", vmin=-0.1, vmax=0.1, shading="gouraud")
         panel.set(aspect="equal", xlabel="x", title=f"closed by {edge}" if edge != "fixed" else "fixed edge")
     figure.colorbar(drawn, ax=panels)
+    return figure
+
+
+def disc_of_quadrilaterals(names: Names) -> Figure:
+    """The mesh, and the errors with three conditions on its circle."""
+    mesh = names["disc"](8)
+    figure = Figure(figsize=(7.6, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.add_collection(PolyCollection(mesh.p.T[mesh.t.T], facecolor="none", edgecolor="0.4", linewidth=0.6))
+    left.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), xlabel="x", ylabel="y")
+    for rim, marker in (("insulated", "s"), ("fixed", "^"), ("fitted", "o")):
+        right.semilogy(names["TIMES"], names["errors"](8, rim), marker + "-", label=rim)
+    right.set(xlabel="t", ylabel="largest error / largest value")
+    right.legend()
     return figure
 
 

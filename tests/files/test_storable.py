@@ -8,7 +8,7 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
 
 #: Classes that are no part of a set-up, or are stored in other ways: runs, models and sides (which have their own
-#: registries), constants, errors.
+#: registries), constants, misfits and what is found with them, errors.
 APART = (
     fh.LatticeModel,
     fh.Side,
@@ -24,6 +24,10 @@ APART = (
     fh.StressIntensity,
     fh.CrackTips,
     fh.WholeSteps,
+    fh.Medium,
+    fh.Misfit,
+    fh.Gradient,
+    fh.Inversion,
     fh.materials,
 )
 

@@ -105,6 +105,8 @@ def good():
         },
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
         "LatticePML": {},
+        "LeastSquares": {"receivers": fh.Receivers([(0.0, 0.0)]), "data": np.zeros((3, 1))},
+        "OwnMisfit": {"receivers": fh.Receivers([(0.0, 0.0)]), "function": _nothing},
         "LineSource": {"points": [(-0.5, 0.0), (0.5, 0.0)], "strength": 1.0, "interpolation": "linear"},
         "Elements": {"elements": (np.vstack([np.zeros(3), np.eye(3)]), [(0, 1, 2, 3)])},
         "Mesh": {"triangles": (np.vstack([np.zeros(3), np.eye(3)]), [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])},
@@ -174,9 +176,17 @@ def _doubled(u: float) -> float:
     return 2 * u
 
 
+def _nothing(records, times):
+    return 0.0, {}
+
+
 #: Public names that are not called by users, or that compute for a long time.
 NOT_CALLED = {
     "Certificate",
+    "Gradient",
+    "Inversion",
+    "Misfit",
+    *("gradient", "image", "invert"),  # tests/test_kinds.py gives them arguments of other types
     "FarhorizonError",
     "FileFormatError",
     "InputError",

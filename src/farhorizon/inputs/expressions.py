@@ -162,7 +162,7 @@ def function(given: Callable[..., float]) -> Callable[..., float]:
     >>> sim.step(10)
     """
     name = getattr(given, "__name__", "")
-    if not callable(given) or not name.isidentifier():
+    if isinstance(given, type) or not callable(given) or not name.isidentifier():
         raise InputError(
             "must be a function with a name",
             value=shown(given),

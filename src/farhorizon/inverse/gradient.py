@@ -304,7 +304,7 @@ def _first_acceleration(setup: Setup, back: Simulation, u: np.ndarray) -> np.nda
     return grid.view(found).reshape(back.field_shape).astype(float)
 
 
-class _Correlation(PatchRecorder):
+class _Correlation(PatchRecorder, offered=False):
     """The adjoint run as it passes: correlated with the history of the run, and with the sources."""
 
     def __init__(self, of: _Gradient, shift: int) -> None:

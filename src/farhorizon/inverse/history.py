@@ -17,7 +17,7 @@ from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
 
-class PatchRecorder(Recorder):
+class PatchRecorder(Recorder, offered=False):
     """A recorder that sees the places of a patch, and perhaps further nodes, after every step.
 
     Parameters
@@ -59,7 +59,7 @@ class PatchRecorder(Recorder):
         pass
 
 
-class Rows(PatchRecorder):
+class Rows(PatchRecorder, offered=False):
     """The values of a run on a patch in consecutive steps.
 
     Parameters

@@ -104,7 +104,7 @@ def image(
     return np.asarray(total) / (light + _DARK * light[inside].mean())
 
 
-class _Peaks(PatchRecorder):
+class _Peaks(PatchRecorder, offered=False):
     """The largest value at each node so far."""
 
     def __init__(self, patch: Patch) -> None:
