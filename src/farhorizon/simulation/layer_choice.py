@@ -173,7 +173,7 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
     used = trials if small is None else small
     found, cost = _recalled(used), 0.0
     if found is None:
-        found, cost = used.chosen(), used.spent / trials._usual
+        found, cost = used.chosen(), used.spent / trials.expected_seconds
         _remember(used, found)
     if found.error > wanted and any(run.sides[key].target is not None for key in keys):
         raise NotKept.of(wanted, found.error)

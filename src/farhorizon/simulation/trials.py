@@ -218,17 +218,19 @@ class TrialRuns:
     @cached_property
     def tried(self) -> float:
         """Length of the trials: that of the run, or shorter where the run takes long."""
-        return self.until * min(1.0, self.allowed / (_TRIALS * self._usual))
+        return self.until * min(1.0, self.allowed / (_TRIALS * self.expected_seconds))
 
     @cached_property
     def allowed(self) -> float:
         """Seconds of a typical core that all trials may take."""
         if self.budget is not None:
             return self.budget
-        return float(np.clip((_RUNS if self._usual < _LONG else _PART) * self._usual, SECONDS, _MOST_SECONDS))
+        return float(
+            np.clip((_RUNS if self.expected_seconds < _LONG else _PART) * self.expected_seconds, SECONDS, _MOST_SECONDS)
+        )
 
     @cached_property
-    def _usual(self) -> float:
+    def expected_seconds(self) -> float:
         """Seconds that the run takes with the layers of the first reference."""
         family = of_nodes(self.families, self.start)
         layer = family.layer(self.start)
