@@ -123,12 +123,14 @@ class Interpreter:
 
     def _hold(self) -> None:
         stage, nodes, values = self.stage, self.inputs.held, self.inputs.held_values[self.step]
+        mobility = (
+            np.tile(self.tables.mobility, self.components) if self.tables.mobility.size else np.ones(stage.out.size)
+        )
+        force = (values - stage.out[nodes]) / (stage.scale * mobility[nodes])
         if self.tables.work.size:
-            mobility = (
-                np.tile(self.tables.mobility, self.components) if self.tables.mobility.size else np.ones(stage.out.size)
-            )
-            force = (values - stage.out[nodes]) / (stage.scale * mobility[nodes])
             self.tables.work[0] += 0.5 * force @ (values - stage.base[nodes])
+        if len(self.inputs.held_forces):
+            self.inputs.held_forces[self.step] = force
         self._set(nodes, values)
 
     def add(self, values: np.ndarray, nodes: np.ndarray | None = None) -> None:

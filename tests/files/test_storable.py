@@ -20,6 +20,7 @@ APART = (
     fh.FarField,
     fh.Spectra,
     fh.PowerThrough,
+    fh.Reaction,
     fh.ShellRecorder,
     fh.StressIntensity,
     fh.CrackTips,

@@ -214,7 +214,7 @@ class Case:
         if self.model.mechanical:
             per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # per area in 1D, per thickness in 2D
             named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
-            named |= {"energy": f"J{per}", "power": f"W{per}"}
+            named |= {"energy": f"J{per}", "power": f"W{per}", "force": f"N{per}"}
         for constant in self.model.varying:
             if (si := unit_of(type(self.parts.model).model_fields[constant])) is not None:
                 named[constant] = si

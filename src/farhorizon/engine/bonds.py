@@ -433,20 +433,25 @@ def add_work(thread, stage, work, inputs, times):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def hold_nodes(thread, stage, work, mobility, inputs, values):
-    """Set prescribed nodes to their values after a step. If work is accumulated, add that of the constraint force,
-    which follows from the difference to where the nodes would have moved freely.
+def hold_nodes(thread, stage, work, mobility, inputs, step):
+    """Set prescribed nodes to their values after a step. The constraint force follows from the difference to where the
+    nodes would have moved freely; it and its work are recorded if wanted.
     """
-    held, places = inputs.held, stage.out.size // stage.components
+    held, places, values = inputs.held, stage.out.size // stage.components, inputs.held_values[step]
+    kept = step < inputs.held_forces.shape[0]
     for chunk in range(thread.number, (held.size + CHUNK - 1) // CHUNK, thread.threads):
         for i in range(chunk * CHUNK, min(held.size, (chunk + 1) * CHUNK)):
             node = held[i]
             free = np.float64(stage.out[node])
             stage.out[node] = values[i]
-            if work.size:
-                now, change = np.float64(stage.out[node]), np.float64(stage.out[node]) - np.float64(stage.base[node])
+            if work.size or kept:
+                now = np.float64(stage.out[node])
                 mobile = np.float64(mobility[node % places]) if mobility.size else 1.0
-                work[chunk] += 0.5 * (now - free) / (stage.scale * mobile) * change
+                force = (now - free) / (stage.scale * mobile)
+                if work.size:
+                    work[chunk] += 0.5 * force * (now - np.float64(stage.base[node]))
+                if kept:
+                    inputs.held_forces[step, i] = force
             if stage.increments:
                 stage.base[node] = stage.out[node] - stage.src[node]
 

@@ -198,6 +198,8 @@ class Engine:
         Sums of `listen` after each of those steps.
     watch_stride : int
         Only the rows of both whose step is a multiple of it are filled.
+    held_forces : ndarray, shape (steps, H)
+        Forces that held the prescribed nodes in each of those steps, as in `Inputs`, if `forces_wanted`.
     """
 
     def __init__(
@@ -268,6 +270,7 @@ class Engine:
         self.seen, self.heard = np.zeros((0, 0)), np.zeros((0, 0))
         self.watch(np.zeros(0, np.int64))
         self.watch_stride = 1
+        self.held_forces, self.forces_wanted = np.zeros((0, 0)), False
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
         self._asked: dict[tuple[Any, ...], _Prepared] = {}
@@ -540,6 +543,9 @@ class Engine:
         inputs = nothing._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
         if held_values is not None:
             inputs = inputs._replace(held_values=np.asarray(held_values, float))
+        if self.forces_wanted:
+            self.held_forces = np.zeros((steps, len(self.held)))
+            inputs = inputs._replace(held_forces=self.held_forces)
         if dependent_fields is not None and dependent_times is not None:
             times = np.ascontiguousarray(dependent_times)
             inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)

@@ -423,6 +423,7 @@ def check_room(tables: Tables, inputs: Inputs, steps: int) -> None:
         ("source_times", inputs.source_times.shape, (steps, stages, len(fields))),
         ("source_fields", fields.shape[1:], (len(inputs.source_nodes) if len(fields) else 0,)),
         ("held_values", inputs.held_values.shape, (steps if held else 0, held)),
+        ("held_forces", inputs.held_forces.shape, (0, held if len(inputs.held_forces) else 0)),
         ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(sums))),
         ("dependent_fields", sums.shape[1:], (len(tables.dependents.nodes),)),
     ):

@@ -739,7 +739,7 @@ def feed(thread, stage, sums, tables, inputs, step, number):
 @operation(HOLD)
 def hold(thread, stage, sums, tables, inputs, step, number):
     """Set nodes to the values that they are given after each step, and add up the work of what holds them."""
-    hold_nodes(thread, stage, tables.work, tables.mobility, inputs, inputs.held_values[step])
+    hold_nodes(thread, stage, tables.work, tables.mobility, inputs, step)
     barrier(thread)
 
 

@@ -43,6 +43,7 @@ class Repeats:
                     times,
                     held,
                     np.zeros((steps, len(held))),
+                    np.zeros((0, 0)),
                     np.zeros((0, len(tables.dependents.nodes)), times.dtype),
                     times,
                     watched,

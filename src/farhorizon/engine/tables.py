@@ -285,6 +285,8 @@ class Inputs(NamedTuple):
     held : ndarray of int, shape (H,)
         Nodes with the values ``held_values[step]`` after each step.
     held_values : ndarray, shape (steps, H)
+    held_forces : ndarray, shape (steps, H), or (0, 0) unless they are wanted
+        Constraint forces on them in each step, per unit mass of a node of the medium, which the loop writes.
     dependent_fields, dependent_times : ndarray, shapes (M, n), (steps, stages, M)
         Fields added to the values of `Dependents`, and their amplitudes.
     watched : ndarray of int, shape (W, 4)
@@ -303,6 +305,7 @@ class Inputs(NamedTuple):
     source_times: np.ndarray
     held: np.ndarray
     held_values: np.ndarray
+    held_forces: np.ndarray
     dependent_fields: np.ndarray
     dependent_times: np.ndarray
     watched: np.ndarray

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -94,14 +94,14 @@ class Recorded:
         with _writable(path).open("wb") as file:
             np.savez(file, **arrays)
 
-    def to_csv(self, path: str | Path, quantity: str | None = None) -> None:
-        """Write a quantity as a table: two header lines with its name, a line of column titles with the positions of
+    def to_csv(self, path: str | Path, quantity: str | Sequence[str] | None = None) -> None:
+        """Write quantities as a table: two header lines with their names, a line of column titles with the positions of
         the receivers, then one row per time, which starts with the time.
 
         Parameters
         ----------
         path : str or Path
-        quantity : str, optional
+        quantity : str or sequence of str, optional
             The first one if not given.
 
         Raises
@@ -109,7 +109,8 @@ class Recorded:
         InputError
             The quantity was not recorded, or there is no such folder.
         """
-        columns = self.columns(self._chosen(quantity))
+        chosen = [quantity] if quantity is None or isinstance(quantity, str) else list(quantity)
+        columns = {name: rows for one in chosen for name, rows in self.columns(self._chosen(one)).items()}
         places = [" ".join(f"{x:.10g}" for x in point) for point in self.points]
         titles = ["t", *(f"{name} at {place}" for name in columns for place in places)]
         table = np.column_stack([self.times, *columns.values()])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MOMENT = 0.05  # of the duration of a record: what was seen for no longer is not drawn
 _FALL = 100.0  # fall of an energy from which on its axis is logarithmic
 _DECADES = 6  # of that axis: less than a millionth of the largest energy is irrelevant
-_MEASURED = {"position": "length", "advance": "length"}  # quantities with the unit of another one
+_MEASURED = {"position": "length", "advance": "length", "displacement": "u"}  # quantities with the unit of another one
 _ACCOUNTS = {side: f"through {side}".replace("-", "\N{MINUS SIGN}") for side in ("x-", "x+", "y-", "y+", "z-", "z+")}
 _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
 
@@ -79,6 +79,8 @@ def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, st
             elif curves:
                 lines(curves, path, xlabel=with_unit("t", "time"), ylabel=label, title=title)
             written += [path] if curves or not one.labels else []
+    if len(one.times) > 1 and {"force", "displacement"} <= one.data.keys():
+        written += _force_displacement(one, directory, ending, words)
     if one.directions:
         return [*written, *_pattern(one, directory / f"{one.name}.{ending}")]
     for quantity in one.spectra:
@@ -93,6 +95,23 @@ def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, st
                 measured=quantity,
                 labels=one.labels,
             )
+    return written
+
+
+def _force_displacement(one: Recorded, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
+    """Draw forces over displacements, with a picture for each component in which something moves."""
+    written = []
+    pairs = zip(one.columns("force").items(), one.columns("displacement").items(), strict=True)
+    for (force, forces), (way, ways) in pairs:
+        curves = [
+            (label, x, y) for label, x, y in zip(one.labels, ways.T, forces.T, strict=True) if np.ptp(x) and np.any(y)
+        ]
+        if not curves:
+            continue
+        written.append(directory / f"{one.name}_{force}_{way}.{ending}")
+        labels = axis_label(way, "u", words), axis_label(force, "force", words)
+        title = curves[0][0] if len(curves) == 1 else ""
+        lines(curves, written[-1], xlabel=labels[0], ylabel=labels[1], title=title)
     return written
 
 

@@ -48,6 +48,8 @@ _NAMES = {
     "advance": Name("advance"),
     "speed": Name("speed"),
     "power": Name("power"),
+    "force": Name("force", "F"),
+    "displacement": Name("displacement", r"\bar{u}"),
     "young": Name("Young's modulus", "E"),
     "bulk": Name("bulk modulus", "K"),
     "shear": Name("shear modulus", r"\mu"),

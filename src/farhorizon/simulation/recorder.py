@@ -34,6 +34,8 @@ class Wanted(NamedTuple):
         Whether the loop returns after such steps, so that the recorder can examine the run in that state.
     heat : bool
         Whether the thermal strain is wanted as well, by the sums over the first of the blocks.
+    held : tuple of ndarray of int
+        Groups of nodes, likewise, whose constraint forces are wanted.
     """
 
     nodes: np.ndarray
@@ -41,6 +43,7 @@ class Wanted(NamedTuple):
     every: int = 1
     stop: bool = False
     heat: bool = False
+    held: tuple[np.ndarray, ...] = ()
 
 
 class Heard(NamedTuple):
@@ -52,10 +55,14 @@ class Heard(NamedTuple):
     nodes : ndarray, shape (steps, N, components)
     blocks : tuple of ndarray, each of shape (steps, n, components)
         Those of the thermal strain, the same for all components, come last.
+    forces : ndarray, shape (steps, groups, components)
+        Sums of the forces, per unit mass of a node of the medium, that held each group in a step: those at the time
+        before it.
     """
 
     nodes: np.ndarray
     blocks: tuple[np.ndarray, ...]
+    forces: np.ndarray = np.zeros((0, 0, 0))
 
 
 class Recorder(Registered, ABC):

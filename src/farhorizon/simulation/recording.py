@@ -125,6 +125,7 @@ class Recording:
         ]
         self._kept = engine.components * sum(map(len, asked))  # how many numbers per step, over all processes
         engine.watch_stride = math.gcd(*(wanted.every for wanted in self._wanted), int(self._probed.size > 0)) or 1
+        engine.forces_wanted = any(wanted.held for wanted in self._wanted)
 
     def _part_of(self, wanted: Wanted) -> _Own:
         lattice = self._near.lattice
@@ -219,7 +220,23 @@ class Recording:
                 last = row + engine.components * len(block.first)
                 blocks.append(_by_component(engine.heard[:, row:last], engine.components))
                 row = last
-            one.add(step, self._of_all(wanted, own, nodes, blocks))
+            heard = self._of_all(wanted, own, nodes, blocks)
+            one.add(step, heard._replace(forces=self._forces(step, wanted.held)) if wanted.held else heard)
+
+    def _forces(self, step: int, groups: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the sums over groups of nodes of the forces that held them in the last steps, from number `step` on;
+        shape (steps, groups, components).
+        """
+        engine, lattice = self._grid.engine, self._near.lattice
+        component, node = np.divmod(self._near.prescribed.held(step - 1), int(np.prod(lattice.shape)))
+        found = np.zeros((len(engine.held_forces), len(groups), engine.components))
+        for number, group in enumerate(groups):
+            inside = np.isin(node, self._nodes_of(group)[0])
+            for c in range(engine.components):
+                which = np.flatnonzero(inside & (component == c))
+                # row by row in the same order, however many steps are added at once
+                found[:, number, c] = np.ascontiguousarray(engine.held_forces[:, which]).sum(1)
+        return self._team.summed(found)
 
     def probed(self) -> np.ndarray:
         """Return the values at the nodes of the probes after each of the last steps; shape (steps, nodes), for vectors
