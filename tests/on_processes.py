@@ -638,6 +638,11 @@ def recorded():
             lambda: [fh.PowerThrough(disc), fh.Spectra(disc, [0.2])],
         ),
         (
+            "held and pulled",
+            CASES["held and pulled"][0],
+            lambda: [fh.Reaction(), fh.Reaction(fh.Box((-9.0, -9.0), (0.5, 9.0)), every=3, name="left")],
+        ),
+        (
             "a record for another run",
             plane(initial={}, sources=[fh.Source("exp(-9*(x + 5)**2 - 9*y**2)", fh.Ricker(0.4))]),
             lambda: [fh.ShellRecorder(fh.Box((-3.0, -4.0), (5.0, 4.0)))],

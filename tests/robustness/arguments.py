@@ -133,6 +133,7 @@ def good():
         "Voxels": {"voxels": np.ones((3, 3), int), "size": 1.0},
         "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0)), "frequencies": [0.1]},
         "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
+        "Reaction": {},
         "Receivers": {"points": [(0.1, 0.2)], "interpolation": "linear"},
         "Rectangle": {"corner": [0.0] * 3, "edge1": [1.0, 0.0, 0.0], "edge2": [0.0, 1.0, 0.0]},
         "Ricker": {"frequency": 0.1},
@@ -266,6 +267,9 @@ def call(job):
         fh.Simulation(**{**setup, "model": made}).step(1)
     elif name in ("FarField", "PowerThrough", "Receivers", "Spectra"):
         fh.Simulation(**{**setup, "initial": {"u": "exp(-9*(x**2 + y**2))"}, "observe": [made]}).step(2)
+    elif name == "Reaction":
+        held = [fh.Prescribed([[0.0, 0.0]], 1.0)]
+        fh.Simulation(**{**setup, "constraints": held, "observe": [made]}).step(2)
     elif name == "CrackTips":
         breaking = {"model": fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.1), "initial": {}}
         fh.Simulation(**{**setup, **breaking, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)

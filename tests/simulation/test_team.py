@@ -171,7 +171,7 @@ def test_records_are_those_of_one_process(tmp_path, processes, size):
     assert line["tips"] and line["sums"] < 1e-12
     assert line["length"][1] > line["length"][0] + 0.6, line  # by a horizon
     records = [line for line in found if "recorded" in line]
-    assert len(records) == 9
+    assert len(records) == 11
     for line in records:
         assert line["alike"] and line["keys"] == len(line["off"]) and line["least"] > 1e-4, line
         assert max(line["off"].values()) < 1e-13, line

@@ -102,6 +102,8 @@ class Case:
         spacing, for diffusion with its square.
         """
         finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
+        if self.parts.lattice.nodes is not None:  # the cells of a box
+            changes = {"lattice.nodes": [round(n / finer) for n in self.lattice.shape]}
         models = {"model": self.parts.model} | {
             f"model.{name}": one for name, one in models_in(self.parts.model).items()
         }

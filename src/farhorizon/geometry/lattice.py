@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from farhorizon import kinds
-from farhorizon.arguments import Length, Point, Toml
+from farhorizon.arguments import Length, OneOf, Point, Toml
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
-from farhorizon.geometry.shapes import Shape
+from farhorizon.geometry.shapes import Box, Shape
 from farhorizon.geometry.voxels import Voxels
 from farhorizon.machine import available_memory
 
@@ -25,6 +25,21 @@ _SHAPES = (
     "Disc, Ball, Box, Polygon, Mesh, Voxels, of a body an array of bool of the lattice's shape, "
     "or a subclass of farhorizon.geometry.shapes.Shape with dim, bounds() and contains(points)"
 )
+
+
+class Cells(NamedTuple):
+    """Cells of a box, each of which has a node in its middle.
+
+    Parameters
+    ----------
+    nodes : sequence of int
+        Number of nodes along each axis, with `box` instead of spacing, lower and upper.
+    box : Box
+        Box that equal cells fill; each has a node in its middle.
+    """
+
+    nodes: Sequence[int]
+    box: Box
 
 
 class Lattice(Storable):
@@ -53,6 +68,10 @@ class Lattice(Storable):
     InputError
         A spacing that is not positive, bounds that are not a whole number of spacings apart, an empty window or body.
 
+    Notes
+    -----
+    `of_counts` makes a lattice from the numbers of nodes in a box; in case files, these are `nodes` and `box`.
+
     Examples
     --------
     >>> import farhorizon as fh
@@ -65,13 +84,23 @@ class Lattice(Storable):
 
     def __init__(
         self,
-        spacing: Length,
+        spacing: Annotated[float | Cells, OneOf(spacing=Length, cells=Cells)],
         lower: Point | None = None,
         upper: Point | None = None,
         *,
         window: Shape | None = None,
         body: Annotated[Shape | np.ndarray | None, Toml(Shape)] = None,
     ) -> None:
+        if isinstance(spacing, Cells):
+            for name, bound in (("lower", lower), ("upper", upper), ("window", window)):
+                if bound is not None:
+                    raise InputError(
+                        "nodes in a box determine the bounds",
+                        value=shown(bound),
+                        key=f"lattice.{name}",
+                        remedy=f"leave {name} out, or give a spacing instead of nodes and box",
+                    )
+            spacing, lower, upper = _middles(*spacing)
         self.spacing = spacing = kinds.number(spacing, "lattice.spacing", above=0)
         mask = body if isinstance(body, np.ndarray) else None
         region = _cells(body, spacing, lower) if isinstance(body, np.ndarray) else body
@@ -125,6 +154,37 @@ class Lattice(Storable):
                 )
         if count <= _AT_ONCE:
             self._check_shown(self.mask)
+
+    @classmethod
+    def of_counts(
+        cls, nodes: Sequence[int], lower: ArrayLike, upper: ArrayLike, *, body: Shape | np.ndarray | None = None
+    ) -> Self:
+        """Create the lattice of a box of equal cells, each with a node in its middle, as input files of other
+        peridynamic programs describe it: the outermost nodes lie half a spacing inside the box.
+
+        Parameters
+        ----------
+        nodes : sequence of int, or int in 1D
+            Number of nodes along each axis.
+        lower, upper : array_like, shape (dim,)
+            Corners of the box.
+        body : Shape or ndarray of bool, optional
+            As for the constructor.
+
+        Raises
+        ------
+        InputError
+            As many counts as the box has axes are not given, or they make cells that are not cubes; the message has
+            the nearest counts that do, and the nearest box.
+
+        Examples
+        --------
+        >>> import farhorizon as fh
+        >>> lattice = fh.Lattice.of_counts([60, 30], (0.0, 0.0), (1.0, 0.5))
+        >>> lattice.shape, round(lattice.spacing * 60, 12), round(lattice.lower[0] * 120, 12)
+        ((60, 30), 1.0, 1.0)
+        """
+        return cls(Cells(nodes, Box(np.atleast_1d(lower), np.atleast_1d(upper))), body=body)
 
     @property
     def _regions(self) -> dict[str, Shape]:
@@ -357,3 +417,35 @@ def _check_size(count: np.ndarray, fields: float) -> None:
             key="lattice.spacing",
             remedy="a larger spacing or a smaller extent",
         )
+
+
+def _middles(nodes: Sequence[int], box: Box) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the spacing and the first and last node, shape (dim,), of cells that fill a box."""
+    kinds.instance(box, "lattice.box", Box, "a box", remedy="box = { lower = [...], upper = [...] }")
+    given = nodes if np.ndim(nodes) else [nodes]
+    counts = np.array([kinds.integer(n, "lattice.nodes", least=1) for n in kinds.sequence(given, "lattice.nodes", "counts")])
+    lower, upper = (np.asarray(bound, float) for bound in box.bounds())
+    if len(counts) != len(lower):
+        raise InputError(
+            "as many counts of nodes as the box has axes",
+            value=counts.tolist(),
+            limit=f"{len(lower)} counts",
+            key="lattice.nodes",
+            remedy="one for each number of box.lower",
+        )
+    widths = upper - lower
+    spacings = widths / counts
+    longest = int(np.argmax(counts))
+    spacing = float(spacings[longest])
+    if not np.isfinite(spacings).all() or np.abs(widths - counts * spacing).max() > 1e-9 * widths[longest]:
+        fitting = np.maximum(1, np.round(widths / spacing))
+        raise InputError(
+            "the counts of nodes do not fit the box: its cells would not have equal sides",
+            value=f"sides {shown(spacings)} for nodes = {counts.tolist()}",
+            limit="one spacing along all axes, to 1e-9",
+            key="lattice.nodes",
+            remedy=f"nodes = {fitting.astype(int).tolist()} with box.upper = {shown(lower + fitting * spacing)}, "
+            f"or box.upper = {shown(lower + counts * spacing)}",
+        )
+    first = lower + spacing / 2
+    return spacing, first, first + (counts - 1) * spacing
