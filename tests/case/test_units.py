@@ -229,3 +229,34 @@ def test_the_tutorial_with_units_is_the_one_without():
     parts = Case(text).parts
     assert (parts.run.until, parts.output.every, parts.background) == (60 * 86400.0, 86400.0, 10.0)
     assert (parts.model.specific_heat, parts.model.conductivity, parts.constraint[0].transfer) == (1000.0, 2.0, 10.0)
+
+
+COUNTED = """
+units = { length = "m", time = "day", mass = "kg" }
+lattice = { nodes = [60, 30], box = { lower = [0.0, 0.0], upper = ["100 cm", 0.5] } }
+model = { type = "wave", speed = 1.0, kernel = { horizon = 0.05 } }
+boundary = { all = { type = "free" } }
+run = { until = "48 h" }
+"""
+
+
+def test_nodes_in_the_cells_of_a_box():
+    case = Case(COUNTED)
+    assert case.lattice.shape == (60, 30) and case.end == 2.0
+    np.testing.assert_allclose(case.lattice.lower, 1 / 120)
+    finer = case.refined(1 / 120)
+    assert finer.lattice.shape == (120, 60) and finer.model.operator.horizon == 0.025
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("60, 30", "60, 31", "lattice.nodes: the counts of nodes do not fit the box"),
+        ("nodes = [60, 30], ", "", "give either spacing or nodes and box"),
+        ("nodes =", "spacing = 0.1, nodes =", "give either spacing or nodes and box"),
+        ("nodes =", "lower = [0.0, 0.0], nodes =", "lattice.lower: nodes in a box determine the bounds"),
+    ],
+)
+def test_other_keys_beside_counts_are_refused(old, new, words):
+    with pytest.raises(fh.InputError, match=words):
+        Case(COUNTED.replace(old, new))

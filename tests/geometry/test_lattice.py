@@ -141,3 +141,37 @@ def test_the_node_of_a_number():
         line.index([0.0, 0.0])
     with pytest.raises(InputError, match=r"one coordinate per axis; value: 0.*limit: 2 coordinates"):
         Lattice(0.5, (-2.0, -2.0), (2.0, 2.0)).index(0.0)
+
+
+def test_counts_of_nodes_put_one_into_the_middle_of_each_cell():
+    lattice = Lattice.of_counts([60, 30], (-0.025, 0.0), (0.025, 0.025))
+    assert lattice.shape == (60, 30)
+    centres = [-0.025 + 0.05 * (np.arange(60) + 0.5) / 60, 0.025 * (np.arange(30) + 0.5) / 30]
+    for found, wanted in zip(lattice.axes, centres, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-16)
+    same = Lattice(lattice.spacing, lattice.lower, lattice.upper)
+    assert same.shape == lattice.shape and (same.upper == lattice.upper).all()
+    assert Lattice.of_counts(7, 0.0, 1.0).shape == (7,)
+    assert Lattice.of_counts([4, 4, 1], [0.0] * 3, [1.0, 1.0, 0.25]).shape == (4, 4, 1)
+    hole = Lattice.of_counts([8, 8], [-1.0] * 2, [1.0] * 2, body=~np.eye(8, dtype=bool))
+    assert hole.existing.sum() == 56
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_counts_fit_the_box_that_they_fill(seed):
+    rng = np.random.default_rng(seed)
+    counts, spacing, lower = rng.integers(1, 5000, 3), 10 ** rng.uniform(-9, 9), rng.uniform(-9, 9, 3)
+    lower *= spacing
+    lattice = Lattice.of_counts(counts, lower, lower + counts * spacing)
+    assert lattice.shape == tuple(counts) and np.isclose(lattice.spacing, spacing, rtol=1e-9)
+    np.testing.assert_allclose(lattice.upper, lower + (counts - 0.5) * spacing, rtol=1e-9, atol=1e-9 * spacing)
+
+
+def test_counts_that_do_not_fit_are_refused():
+    with pytest.raises(InputError, match=r"do not fit the box.*nodes = \[60, 30\] with box.upper = \[1, 0.5\]"):
+        Lattice.of_counts([60, 31], (0.0, 0.0), (1.0, 0.5))
+    with pytest.raises(InputError, match=r"lattice\.nodes: as many counts"):
+        Lattice.of_counts([60, 31, 2], (0.0, 0.0), (1.0, 0.5))
+    for wrong in ([0, 2], [2.5, 2], [-1, 2], ["a", 2]):
+        with pytest.raises(InputError, match=r"lattice\.nodes"):
+            Lattice.of_counts(wrong, (0.0, 0.0), (1.0, 0.5))

@@ -101,7 +101,8 @@ class Case:
         """The case at another spacing, with the same number of nodes per horizon; a given time step scales with the
         spacing, for diffusion with its square.
         """
-        finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
+        finer = spacing / self.lattice.spacing
+        changes: dict[str, Any] = {"lattice.spacing": spacing}
         if self.parts.lattice.nodes is not None:  # the cells of a box
             changes = {"lattice.nodes": [round(n / finer) for n in self.lattice.shape]}
         models = {"model": self.parts.model} | {

@@ -38,7 +38,7 @@ class Cells(NamedTuple):
         Box that equal cells fill; each has a node in its middle.
     """
 
-    nodes: Sequence[int]
+    nodes: Annotated[Sequence[int] | np.ndarray | int, Toml(list[int])]
     box: Box
 
 
@@ -157,14 +157,19 @@ class Lattice(Storable):
 
     @classmethod
     def of_counts(
-        cls, nodes: Sequence[int], lower: ArrayLike, upper: ArrayLike, *, body: Shape | np.ndarray | None = None
+        cls,
+        nodes: Sequence[int] | np.ndarray | int,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        *,
+        body: Shape | np.ndarray | None = None,
     ) -> Self:
         """Create the lattice of a box of equal cells, each with a node in its middle, as input files of other
         peridynamic programs describe it: the outermost nodes lie half a spacing inside the box.
 
         Parameters
         ----------
-        nodes : sequence of int, or int in 1D
+        nodes : array_like of int, shape (dim,), or int in 1D
             Number of nodes along each axis.
         lower, upper : array_like, shape (dim,)
             Corners of the box.
@@ -419,11 +424,12 @@ def _check_size(count: np.ndarray, fields: float) -> None:
         )
 
 
-def _middles(nodes: Sequence[int], box: Box) -> tuple[float, np.ndarray, np.ndarray]:
+def _middles(nodes: Sequence[int] | np.ndarray | int, box: Box) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the spacing and the first and last node, shape (dim,), of cells that fill a box."""
     kinds.instance(box, "lattice.box", Box, "a box", remedy="box = { lower = [...], upper = [...] }")
-    given = nodes if np.ndim(nodes) else [nodes]
-    counts = np.array([kinds.integer(n, "lattice.nodes", least=1) for n in kinds.sequence(given, "lattice.nodes", "counts")])
+    given = [nodes] if isinstance(nodes, int) else nodes.tolist() if isinstance(nodes, np.ndarray) else nodes
+    every = kinds.sequence(given, "lattice.nodes", "counts")
+    counts = np.array([kinds.integer(n, "lattice.nodes", least=1) for n in every])
     lower, upper = (np.asarray(bound, float) for bound in box.bounds())
     if len(counts) != len(lower):
         raise InputError(
