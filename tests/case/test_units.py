@@ -115,7 +115,7 @@ def test_a_case_with_units_is_the_case_in_si():
     assert sim.model.density == 7.85 and np.abs(sim.fields["u"]).max() > 5e-4
     recorded = {"stress": "GPa", "pressure": "GPa", "energy_flux": "GPa mm/us", "speed": "mm/us", "G": "GPa mm"}
     recorded |= {"K_I": "GPa mm^(1/2)", "K_II": "GPa mm^(1/2)"}
-    recorded |= {"energy": "GPa mm²", "power": "GPa mm²/us"}  # per unit thickness
+    recorded |= {"energy": "GPa mm²", "power": "GPa mm²/us", "force": "GPa mm"}  # per unit thickness
     assert case.unit_names == {"length": "mm", "time": "us", "frequency": "1/us", "u": "mm", "v": "mm/us", **recorded}
 
 

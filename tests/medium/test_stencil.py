@@ -350,3 +350,35 @@ def test_bad_matrices(change, message):
     stencil = matrix_stencil()
     with pytest.raises(InputError, match=message):
         Stencil(stencil.offsets, change(stencil.weights))
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_the_error_of_central_differences_falls_with_their_order(order, dim):
+    """The frequency of waves in a slanted direction against that of the continuum, |k|."""
+    direction = np.array([0.8, 0.5, 0.33])[:dim]
+    direction /= np.linalg.norm(direction)
+    waves = 2 * np.pi / np.array([8.0, 12.0, 16.0])  # per unit spacing; more nodes meet rounding at order 8
+    stencil = Stencil.finite_difference(dim, order)
+    errors = [1 - float(np.sqrt(stencil.symbol(*(k * direction)))) / k for k in waves]
+    assert min(errors) > 0 and abs(fitted_rate(waves, errors) - order) < 0.2
+    assert stencil.accuracy == order and stencil.reach == (order // 2,) * dim
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+def test_central_differences_are_exact_for_polynomials(order):
+    """The conditions that define the weights: the second difference of x^n at 0, up to the order and one more."""
+    stencil = Stencil.finite_difference(1, order)
+    x = stencil.offsets[:, 0].astype(float)
+    for power in range(1, order + 2):
+        assert abs(stencil.weights @ x**power - 2 * (power == 2)) < 1e-9
+    assert abs(stencil.weights @ x ** (order + 2)) > 0.1
+
+
+def test_orders_of_central_differences():
+    for order in (0, 1, 3, 10, 2.5, "4"):
+        with pytest.raises(InputError, match=r"stencil\.order"):
+            Stencil.finite_difference(2, order)
+    assert Stencil.finite_difference(2) == Stencil.finite_difference(2, 2)
+    assert Stencil.finite_element(2).accuracy == 0 and kernel_stencil(2, 2).accuracy == 0
+    assert Stencil.finite_difference(2, 6).with_reaction(0.3).accuracy == 6

@@ -37,11 +37,34 @@ def model_of(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.Lat
         return read.made(part, "model", **{n: _inner(n, one, materials, lattice) for n, one in models.items()})
     found = _in_regions(part, kind, materials, lattice)
     if (name := getattr(part, "stencil", None)) is not None and part.kernel is None:
-        make = fh.Stencil.finite_difference if name == "finite-difference" else fh.Stencil.finite_element
-        found["operator"] = make(lattice.dim)
+        found["operator"] = _stencil(name, getattr(part, "order", None), lattice.dim)
+    elif getattr(part, "order", None) is not None:
+        raise _without_differences(part.order)
     if getattr(part, "stages", None) is not None:
         found["integrator"] = _integrator(part)
     return read.made(part, "model", **found)
+
+
+def _stencil(name: str, order: int | None, dim: int) -> fh.Stencil:
+    """The stencil of the classical operator by its name in a case file."""
+    if name == "finite-difference":
+        try:
+            return fh.Stencil.finite_difference(dim, 2 if order is None else order)
+        except InputError as error:
+            raise error.at("model.order") from None
+    if order is not None:
+        raise _without_differences(order)
+    return fh.Stencil.finite_element(dim)
+
+
+def _without_differences(order: int) -> InputError:
+    return InputError(
+        "the order is that of finite differences",
+        value=order,
+        limit='stencil = "finite-difference"',
+        key="model.order",
+        remedy="this stencil, or leave the order out",
+    )
 
 
 def _inner(name: str, part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:

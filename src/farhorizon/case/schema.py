@@ -401,6 +401,9 @@ class Tables:
         if is_model(kind) and "integrator" in keys:
             words = "Number of stages of the integrator rkc; 20 unless given."
             keys["stages"] = (Whole | None, Field(None, description=words))
+        if is_model(kind) and issubclass(kind, fh.Wave) and "stencil" in keys:
+            words = "Order of accuracy of the finite differences: 2, unless given, 4, 6 or 8."
+            keys["order"] = (Whole | None, Field(None, description=words))
         if is_model(kind) and "density" in keys and {"young", "speed"} & keys.keys():
             keys |= _of_material("the medium")
         return keys, arguments

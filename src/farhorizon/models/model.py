@@ -33,7 +33,7 @@ Constant = Annotated[
 ]
 Density = Annotated[Constant, Unit("kg/m^3")]
 Modulus = Annotated[Constant, Unit("Pa")]
-_TAKEN = ("type", "stencil", "stages", "of")  # keys of a case file's table that are not parameters of the model
+_TAKEN = ("type", "stencil", "order", "stages", "of")  # keys in case files that are no parameters of the model
 
 
 class BondLaw(Protocol):

@@ -174,6 +174,8 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         _check_reaction(setup, sides, stencil)
     if stencil.drifting:
         _check_drift(setup, sides, stencil)
+    if stencil.accuracy > 2:
+        _check_faces(setup, sides, stencil.accuracy)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
         if n < 2 * m + 1 and not sides[axis, -1].periodic:
@@ -186,6 +188,23 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
                 remedy="enlarge the lattice or refine it"
                 + (", or make what is thin the body of a wider lattice: lattice.body" if free else ""),
             )
+
+
+def _check_faces(setup: Setup, sides: Sides, order: int) -> None:
+    """Refuse faces at which the medium ends where differences are of an order above 2: those that lack bonds there are
+    of the first order only.
+    """
+    free = [f"boundary.{side_name(*key)}" for key, side in sides.items() if not side.bonded]
+    body = ["lattice.body"] if setup.lattice.body is not None and setup.rim == "free" else []
+    for key in [*free, *body, *(["crack"] if setup.cracks else [])]:
+        raise InputError(
+            "central differences of a higher order have no bonds that may be absent: they need a medium that does not "
+            "end",
+            value=f"order {order}",
+            limit="order 2 beside free sides, bodies and cracks",
+            key=key,
+            remedy='order = 2, or a kernel; a side may be absorbing, fixed or periodic, the rim of a body "fixed"',
+        )
 
 
 def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
