@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -47,6 +48,7 @@ from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.share import Share, check_given
 from farhorizon.simulation.steps import last_step, seconds_of
 from farhorizon.simulation.team import Team
+from farhorizon.simulation.thin_bodies import thin_note
 
 
 class Simulation(Run):
@@ -438,7 +440,12 @@ class Simulation(Run):
         overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
         chosen = self._settling.doubts + self._settling.why
         notes = self.parts.beyond.notes + ends + self._remarks + chosen + overdue + self._incident_notes
-        return notes + self._recording.notes
+        return notes + self._soft + self._recording.notes
+
+    @cached_property
+    def _soft(self) -> list[str]:
+        """Notes on bodies that are soft because they are thin, which are found when they are asked for."""
+        return thin_note(self.setup, self.setup.sides)
 
     @property
     def thickness(self) -> dict[str, Thickness]:
