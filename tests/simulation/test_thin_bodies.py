@@ -6,8 +6,6 @@ import pytest
 import farhorizon as fh
 from farhorizon.simulation.thin_bodies import apparent_modulus, thickness_of
 
-SOFT = "soft|stiff"
-
 
 def soft(sim):
     return [note for note in sim.notes if "apparent over given Young's modulus" in note]
@@ -41,7 +39,7 @@ def test_the_modulus_is_that_of_a_pulled_specimen(material, poisson, nodes):
     strain = (u[50] - u[30]).mean() / 20
     expected = apparent_modulus(kernel, 1.0, 2, material, "stress", poisson, nodes)
     assert abs(force / nodes / strain - expected) < 2e-3
-    assert any(f"{expected:.3f}" in note for note in soft(sim))
+    assert any(f"{expected:.3f}" in note for note in soft(sim)) == (expected < 0.95)  # 9 nodes: 4.6 %
 
 
 @pytest.mark.slow
@@ -65,17 +63,15 @@ def test_thickness():
     assert thickness_of(fh.Lattice(1.0, (0.0, 0.0), (39.0, 6.0)), layers) == {}
     disc = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0), body=fh.Disc(15.3))
     assert thickness_of(disc, layers) == {}
-    bone = (
-        fh.Box((-30.0, -3.4), (30.0, 3.4)) | fh.Box((-30.0, -9.0), (-15.0, 9.0)) if hasattr(fh.Box, "__or__") else None
-    )
-    if bone is not None:
-        assert thickness_of(fh.Lattice(1.0, (-32.0, -12.0), (32.0, 12.0), body=bone), layers)[1] == 7
+    bone = fh.Box((-30.0, -3.4), (30.0, 3.4)) | fh.Box((-30.0, -9.0), (-15.0, 9.0))
+    assert thickness_of(fh.Lattice(1.0, (-32.0, -12.0), (32.0, 12.0), body=bone), layers)[1] == 7
 
 
 def test_bodies_without_a_note():
-    strip = fh.Lattice(1.0, (-20.0, -4.0), (20.0, 4.0))
+    strip = fh.Lattice(1.0, (-20.0, -3.0), (20.0, 3.0))
     exact = fh.Elastic(fh.Kernel(2.0, 1), 1.0, 0.3, material="correspondence")
-    assert not soft(fh.Simulation(strip, exact, fh.Free()))
+    wider = fh.Lattice(1.0, (-20.0, -4.0), (20.0, 4.0), body=fh.Box((-99.0, -3.5), (99.0, 3.5)))
+    assert not soft(fh.Simulation(wider, exact, fh.Free()))
     plate = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
     bonds = fh.Elastic(fh.Kernel(2.0, 1), 1.0)
     assert not soft(fh.Simulation(plate, bonds, fh.Free()))

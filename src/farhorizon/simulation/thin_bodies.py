@@ -77,8 +77,7 @@ def apparent_modulus(
     nodes : int
         Thickness.
     """
-    ratio = {} if material == "bond-based" else {"poisson": poisson}
-    model = Elastic(kernel, 1.0, material=material, plane=plane, **ratio)
+    model = Elastic(kernel, 1.0, None if material == "bond-based" else poisson, material=material, plane=plane)
     reach = max(model.medium(spacing, dim).reach)
     half, inner = 2 * reach + 1, nodes // 2
     wide, thick = 2 * half, nodes + 2 * reach
@@ -88,6 +87,8 @@ def apparent_modulus(
     far = spacing * wide
     body = Box([*[-far] * (dim - 1), low], [*[far] * (dim - 1), high])
     lattice = Lattice(spacing, [0.0] * dim, upper, body=body)
+    there = lattice.existing
+    assert there is not None
     parts = assemble(Setup(lattice, model, Free(), threads=1))
     engine, indices = parts.grid.engine, parts.grid.indices
 
@@ -107,7 +108,7 @@ def apparent_modulus(
         fields.append(field)
     rows = []
     for field in fields:
-        found = forces(field * lattice.existing) * lattice.existing  # nodes that do not exist feel the others
+        found = forces(field * there) * there  # nodes that do not exist feel the others
         through = [-np.moveaxis(found[a], a, 0)[half:, ..., :].sum(0) for a in range(dim - 1)]
         resultants = [one[(half,) * (dim - 2)].sum() for one in through]
         middle = found[(-1, *(half,) * (dim - 1))]
@@ -123,8 +124,9 @@ def apparent_modulus(
 def thin_note(setup: Setup, sides: Sides) -> list[str]:
     """Return a note on a body that is softer than its material since it is only a few horizons thick."""
     model, lattice = setup.model, setup.lattice.whole
-    served = isinstance(model, Elastic) and model.material in _SERVED and isinstance(model.kernel, Kernel)
-    if not served or lattice.dim < 2 or setup.rim != "free" or int(np.prod(lattice.shape)) > _MOST:
+    if not isinstance(model, Elastic) or model.material not in _SERVED or not isinstance(model.kernel, Kernel):
+        return []
+    if lattice.dim < 2 or setup.rim != "free" or int(np.prod(lattice.shape)) > _MOST:
         return []
     if set(model.varying) - {"density"}:  # such as a modulus with the factor of `surface_factor`
         return []
