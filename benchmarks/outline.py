@@ -26,7 +26,7 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 import farhorizon as fh
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import available_threads
-from farhorizon.engine.fringe import fringe_table
+from farhorizon.engine.outline_stencil import outline_table
 from farhorizon.models import LatticeModel
 
 
@@ -55,8 +55,8 @@ def measure(
     # like all the others it has margins of one reach
     bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave(), threads)
     none = np.zeros(0, np.int64)
-    nothing = fringe_table(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
-    bare.engine.replace(fringe=nothing)
+    nothing = outline_table(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
+    bare.engine.replace(outline_stencil=nothing)
     times = interleaved({"bare": steps(bare.engine), **cases}, repeats)
     rows = []
     for name, sim in sims.items():

@@ -57,7 +57,7 @@ class Interpreter:
             op.CUT: self._cut,
             op.STRETCH: self._stretch,
             op.ENDS: self._exact_ends,
-            op.FEED: self._feed,
+            op.ADD_SOURCES: self._add_sources,
             op.INERTIA: self._weigh_down,
             op.MOVED: self._take_increments,
             op.DRAG: self._drag,
@@ -73,7 +73,7 @@ class Interpreter:
             op.DISSOLVE: self._dissolve,
             op.KEEP: self._keep,
             op.HEAT: heat.push_springs,
-            op.WARM: heat.warm_up,
+            op.WARM: heat.advance_thermal_strains,
             op.HEAT_BEYOND: heat.push_beyond,
         }
 
@@ -98,7 +98,7 @@ class Interpreter:
                         self.heat.stretch(number, which)
                     elif which == op.NEIGHBOURS and operation == op.STRETCH:
                         self._stretch_neighbours(number)
-                    elif which in (op.GATHER, op.SCATTER):
+                    elif which in (op.GRADIENT, op.DIVERGENCE):
                         assert self.states is not None
                         self.states.run(operation, number, which)
                     else:
@@ -156,16 +156,16 @@ class Interpreter:
     def _keep(self) -> None:
         if (self.inputs.before + self.step + 1) % self.inputs.stride:
             return
-        for _, place, column, count in self.inputs.watched.tolist():
-            self.inputs.seen[self.step, column : column + count] = self.stage.out[place : place + count]
-        listening = self.tables.listening
-        sizes = np.repeat(listening.sets[:, 1:], listening.sets[:, 0], axis=0).tolist()
-        for (_, place, *first, column), nodes in zip(listening.rows.tolist(), sizes, strict=True):
-            along = [listening.weights[a : a + count] for a, count in zip(first, nodes, strict=True)]
+        for _, place, column, count in self.inputs.recorded_nodes.tolist():
+            self.inputs.node_values[self.step, column : column + count] = self.stage.out[place : place + count]
+        block_sums = self.tables.block_sums
+        sizes = np.repeat(block_sums.sets[:, 1:], block_sums.sets[:, 0], axis=0).tolist()
+        for (_, place, *first, column), nodes in zip(block_sums.rows.tolist(), sizes, strict=True):
+            along = [block_sums.weights[a : a + count] for a, count in zip(first, nodes, strict=True)]
             block = np.lib.stride_tricks.as_strided(
-                self.stage.out[place:], nodes, listening.stride * self.stage.out.itemsize
+                self.stage.out[place:], nodes, block_sums.stride * self.stage.out.itemsize
             )
-            self.inputs.heard[self.step, column] = np.einsum("ijk,i,j,k", block, *along)
+            self.inputs.block_values[self.step, column] = np.einsum("ijk,i,j,k", block, *along)
 
     # --- bonds -------------------------------------------------------------------------------------------------
 
@@ -231,13 +231,13 @@ class Interpreter:
             eta = src[:, nodes + place] - src[:, nodes]
             bent = np.where(curved & bonds.nonlinear, eta, 0)
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
-            warm = curved * self.warmth(nodes, nodes + place)
+            warm = curved * self.thermal_strain(nodes, nodes + place)
             yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse - 2 * warm
 
-    def warmth(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def thermal_strain(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Return the thermal strains of bonds: the mean over their ends."""
-        warmth = np.broadcast_to(self.tables.bonds.warmth, self.engine.layout.size)
-        return np.asarray((warmth[nodes] + warmth[others]) / 2)
+        thermal_strain = np.broadcast_to(self.tables.bonds.thermal_strain, self.engine.layout.size)
+        return np.asarray((thermal_strain[nodes] + thermal_strain[others]) / 2)
 
     def limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Return the largest strain e at which bonds do not break."""
@@ -258,13 +258,13 @@ class Interpreter:
             place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
             limit = self.limits(nodes, nodes + place)
             over = alive & curved & (e > limit)
-            before = bonds.shares[bond, nodes] if bonds.shares.size else np.ones(len(nodes))
+            before = bonds.residual_stiffness[bond, nodes] if bonds.residual_stiffness.size else np.ones(len(nodes))
             now = _shares(bonds, self.engine.bonds.softening, nodes, nodes + place, e, limit)
             left = np.where(over, np.minimum(before, now), before)
             gone = over & (left <= 0)
             self.clear(bond, nodes[gone])
-            if bonds.shares.size:
-                bonds.shares[bond, nodes] = left
+            if bonds.residual_stiffness.size:
+                bonds.residual_stiffness[bond, nodes] = left
             c = stiffness * self.factors(nodes, nodes + place)
             self._count_broken(nodes[over], place, xi, ((before - left) * c)[over])
             bonds.broken[0, 0, 1] += 0.5 * gone.sum()
@@ -280,7 +280,7 @@ class Interpreter:
             u = self.split(level)
             eta = u[:, nodes + place] - u[:, nodes]
             longer = np.sqrt(((xi + eta) ** 2).sum(0)) - length if self.tables.bonds.nonlinear else xi.T @ eta / length
-            stretched.append(np.ravel(longer) - length * self.warmth(nodes, nodes + place))
+            stretched.append(np.ravel(longer) - length * self.thermal_strain(nodes, nodes + place))
         self.tables.bonds.broken[0, 0, 0] += 0.25 * (stiffness * stretched[0] * stretched[1]).sum()
 
     def _cut(self) -> None:
@@ -297,7 +297,7 @@ class Interpreter:
         self.add(self.stage.scale * self._springs(axis).reshape(self.components, -1))
 
     def _springs(self, axis: int) -> np.ndarray:
-        return self.stretched(axis, self.split(self.stage.src), self.matrices, op.SPRINGS)
+        return self.stretched(axis, self.split(self.stage.src), self.matrices, op.BOND_STENCIL)
 
     def stretched(self, axis: int, level: np.ndarray, matrices: np.ndarray, number: int) -> np.ndarray:
         """Return stretched less plain shifts along an axis, with later axes stretched, as sums of a pass over a
@@ -319,12 +319,12 @@ class Interpreter:
 
     def _factors_of_pass(self, number: int, others: np.ndarray) -> np.ndarray | float:
         """Return the factors of the bonds of all nodes in a pass; those of states and of drag have none."""
-        return 1.0 if number in (op.GATHER, op.SCATTER, op.NEIGHBOURS) else self.factors(self.nodes, others)
+        return 1.0 if number in (op.GRADIENT, op.DIVERGENCE, op.NEIGHBOURS) else self.factors(self.nodes, others)
 
     def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Return which bonds are present, considering absent bonds and places without a node."""
         engine, tables = self.engine, self.tables
-        cuts = tables.cuts if engine.passes is None else tables.gather.cuts
+        cuts = tables.cuts if engine.passes is None else tables.gradient_pass.cuts
         size = engine.layout.size
         there = ~np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
         if not tables.bonds.forces and len(nodes):
@@ -401,7 +401,7 @@ class Interpreter:
             gains = flows.effects[stage.part] * ends.forces[end, :reach][counted]
             np.add.at(flows.totals[0], flows.ends[end][counted] if counted.any() else nodes[:0], gains)
 
-    def _feed(self) -> None:
+    def _add_sources(self) -> None:
         stage, inputs = self.stage, self.inputs
         amplitudes = self.tables.numbers[stage.part, 4] * inputs.source_times[self.step, stage.part]
         for level in (stage.out, stage.base)[: 1 + stage.increments]:
@@ -471,24 +471,24 @@ class Interpreter:
             self._set(np.array([node]), np.array([value]))
 
     def _fringe(self) -> None:
-        stage, fringe = self.stage, self.tables.fringe
-        if fringe.history.shape[1]:
-            fringe.history[:, 1:] = fringe.history[:, :-1].copy()
-            fringe.history[:, 0] = stage.src[fringe.nodes]
-        for first, last in fringe.outside:
+        stage, outline_stencil = self.stage, self.tables.outline_stencil
+        if outline_stencil.history.shape[1]:
+            outline_stencil.history[:, 1:] = outline_stencil.history[:, :-1].copy()
+            outline_stencil.history[:, 0] = stage.src[outline_stencil.nodes]
+        for first, last in outline_stencil.outside:
             for level in (stage.out, stage.base)[: 1 + stage.increments]:
                 level[first:last] = 0
-        places = fringe.places.reshape(-1, fringe.owners.shape[1])
-        values = np.append(fringe.history.ravel(), np.zeros(fringe.table.shape[1]))
-        window = np.arange(fringe.table.shape[1])
-        for bundle, owners in enumerate(fringe.owners):
-            start, stop = int(fringe.starts[bundle]), int(fringe.starts[bundle + 1])
+        places = outline_stencil.places.reshape(-1, outline_stencil.owners.shape[1])
+        values = np.append(outline_stencil.history.ravel(), np.zeros(outline_stencil.table.shape[1]))
+        window = np.arange(outline_stencil.table.shape[1])
+        for bundle, owners in enumerate(outline_stencil.owners):
+            start, stop = int(outline_stencil.starts[bundle]), int(outline_stencil.starts[bundle + 1])
             for i, owner in enumerate(owners):
                 seen = values[places[start:stop, i, None].astype(int) // 8 + window]
-                kind, number = int(fringe.kinds[bundle, i]), len(owners) * bundle + i
-                new = slice(int(fringe.new_starts[number]), int(fringe.new_starts[number + 1]))
-                total = (fringe.table[kind : kind + stop - start] * seen).sum()
-                total += fringe.new_weights[new] @ stage.out[fringe.new_nodes[new]]
+                kind, number = int(outline_stencil.kinds[bundle, i]), len(owners) * bundle + i
+                new = slice(int(outline_stencil.new_starts[number]), int(outline_stencil.new_starts[number + 1]))
+                total = (outline_stencil.table[kind : kind + stop - start] * seen).sum()
+                total += outline_stencil.new_weights[new] @ stage.out[outline_stencil.new_nodes[new]]
                 self._set(np.array([owner]), np.array([total]))
 
     def _dissolve(self) -> None:
@@ -548,7 +548,7 @@ class _Heat:
         bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
         for bond, distance in enumerate(bonds.places[:, 0]):
             there = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
-            self._push(loop.tables.heat.vectors[bond], there * loop.warmth(nodes, nodes + distance), nodes)
+            self._push(loop.tables.heat.vectors[bond], there * loop.thermal_strain(nodes, nodes + distance), nodes)
 
     def push_beyond(self) -> None:
         """Do so at all nodes for springs, and for bonds without a law of their own."""
@@ -559,7 +559,7 @@ class _Heat:
             nodes = loop.nodes[~(curved & bonds.forces)]
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
             there = alive * loop.factors(nodes, nodes + distance)
-            self._push(loop.tables.heat.beyond[bond], there * loop.warmth(nodes, nodes + distance), nodes)
+            self._push(loop.tables.heat.beyond[bond], there * loop.thermal_strain(nodes, nodes + distance), nodes)
 
     def _push(self, vector: np.ndarray, strains: np.ndarray, nodes: np.ndarray) -> None:
         self.loop.add(-self.loop.stage.scale * np.multiply.outer(vector, strains), nodes)
@@ -567,18 +567,18 @@ class _Heat:
     def stretch(self, axis: int, which: int) -> None:
         """Add the contribution of the layers to thermal forces, or to traces."""
         loop = self.loop
-        assert loop.engine.warm_layers is not None
-        weights, heat = loop.engine.warm_layers.weights[which - op.PUSHES], loop.tables.heat
-        read = heat.warmth[None] if which == op.PUSHES else loop.split(loop.stage.src)
+        assert loop.engine.thermoelastic_layers is not None
+        weights, heat = loop.engine.thermoelastic_layers.weights[which - op.PUSHES], loop.tables.heat
+        read = heat.thermal_strain[None] if which == op.PUSHES else loop.split(loop.stage.src)
         found = loop.stretched(axis, read, weights, which).reshape(len(weights[0]), -1)
         if which == op.PUSHES:
             loop.add(loop.stage.scale * found)
         else:
             heat.traces[loop.nodes] += found[0]
 
-    def warm_up(self) -> None:
+    def advance_thermal_strains(self) -> None:
         """Advance the thermal strains to the next step."""
-        self.loop.tables.heat.warmth[:] += self.loop.tables.heat.rate
+        self.loop.tables.heat.thermal_strain[:] += self.loop.tables.heat.rate
 
 
 class _States:
@@ -599,11 +599,11 @@ class _States:
 
     def run(self, operation: int, number: int, which: int) -> None:
         """Execute an operation of the two passes; the sums are over the bonds that are present: no bonds are cut."""
-        law, passes, scale = self.loop.tables.gather.sweep.law, self.passes, self.loop.stage.scale
+        law, passes, scale = self.loop.tables.gradient_pass.sweep.law, self.passes, self.loop.stage.scale
         states = law.values.reshape(len(law.intact), -1)
         levels = (self.loop.split(self.loop.stage.src), states, self.loop.split(self.loop.stage.out))
         # the loop may have done so node by node
-        if self.raw and (which == op.SCATTER or operation == op.RELEASE):
+        if self.raw and (which == op.DIVERGENCE or operation == op.RELEASE):
             states[:, self.loop.nodes] -= self._strained(self.loop.nodes).T
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
             if not self.loop.tables.bonds.forces:
@@ -620,14 +620,14 @@ class _States:
         elif operation == op.RECEIVE:
             self.loop.receive(number, states)
         elif operation == op.SWEEP:
-            read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.loop.nodes
+            read, sign, nodes = levels[which - op.GRADIENT], (-1, 1)[which - op.GRADIENT], self.loop.nodes
             total = np.zeros((len(levels[which]), nodes.size))
             for distance, weight in zip(self._distances(), passes.weights[which - 1], strict=True):
                 there = self.loop.present(nodes, nodes + distance) & self.loop.engine.absent.exists[nodes]
                 total += weight @ (there * (read[:, nodes + distance] + sign * read[:, nodes]))
-            if which == op.GATHER:
+            if which == op.GRADIENT:
                 states[:, nodes], self.raw = 0, True
-            levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
+            levels[which][:, nodes] += total * (1 if which == op.GRADIENT else scale)
         elif operation == op.BREAK:
             self._break_bonds(lambda b, nodes, e: e > self.loop.limits(nodes, nodes + self._distances()[b]))
         elif operation == op.RELEASE:
@@ -639,7 +639,7 @@ class _States:
         elif operation == op.DAMAGED and number == STATES_AGAIN:
             lost = np.intersect1d(self._lost_bonds(), self.loop.nodes[self.loop.zone()])
             states[:, lost] = np.einsum("sab,sb->as", self._laws(lost), self._states_at(lost))
-        elif operation == op.DAMAGED and which == op.SCATTER:
+        elif operation == op.DAMAGED and which == op.DIVERGENCE:
             self._push_apart()
         elif operation == op.STRETCH_STATES:
             places = self.loop.tables.stretches.places
@@ -649,8 +649,8 @@ class _States:
             found = self._remembered(scale * self._parts(states, places), "forces", begins=number == 1)
             levels[2][:, places] += found.reshape(self.loop.components, self.loop.components, -1).sum(1)
         elif operation == op.STRETCH:
-            found = self.loop.stretched(number, levels[which - op.GATHER], passes.weights[which - 1], which)
-            levels[which][:, self.loop.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
+            found = self.loop.stretched(number, levels[which - op.GRADIENT], passes.weights[which - 1], which)
+            levels[which][:, self.loop.nodes] += (1 if which == op.GRADIENT else scale) * found.reshape(len(found), -1)
 
     def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
         """Return what stretching adds to derivatives, shape (dim^2, nodes), by the trapezoidal rule."""
@@ -674,17 +674,17 @@ class _States:
 
     def _strained(self, nodes: np.ndarray) -> np.ndarray:
         """Return the states of nodes whose strain is the thermal strain, shape (S, n)."""
-        law, shapes = self.loop.tables.gather.sweep.law, self._shapes(nodes)
+        law, shapes = self.loop.tables.gradient_pass.sweep.law, self._shapes(nodes)
         units = np.trace(shapes, axis1=1, axis2=2)[:, None] if len(law.unit) == 1 else shapes.reshape(len(nodes), -1)
-        return np.asarray(law.spacing * self.loop.warmth(nodes, nodes)[:, None] * units)
+        return np.asarray(law.spacing * self.loop.thermal_strain(nodes, nodes)[:, None] * units)
 
     def _given_way(self, nodes: np.ndarray, distances: np.ndarray) -> np.ndarray:
         """Return the thermal elongations of bonds, shape (K, dim, nodes), from the mean strain of nodes at
         `distances`.
         """
-        arms = self.loop.tables.gather.sweep.law.arms
-        warmth = np.stack([self.loop.warmth(nodes, nodes + distance) for distance in distances])
-        return np.asarray(arms[:, :, None] * warmth[:, None] if arms.size else 0 * warmth[:, None])
+        arms = self.loop.tables.gradient_pass.sweep.law.arms
+        thermal_strain = np.stack([self.loop.thermal_strain(nodes, nodes + distance) for distance in distances])
+        return np.asarray(arms[:, :, None] * thermal_strain[:, None] if arms.size else 0 * thermal_strain[:, None])
 
     def _lost_bonds(self) -> np.ndarray:
         """Return the nodes that exist and lack bonds, which are cut, broken or beyond an edge."""
@@ -693,7 +693,7 @@ class _States:
 
     def _laws(self, nodes: np.ndarray) -> np.ndarray:
         """Return the matrices of the law, by which the states are multiplied, of nodes that lack bonds."""
-        passes, law = self.passes, self.loop.tables.gather.sweep.law
+        passes, law = self.passes, self.loop.tables.gradient_pass.sweep.law
         moduli, numbers = passes.moduli_at(nodes), np.zeros(law.values.size // len(law.intact), np.int64)
         numbers[law.nodes] = law.numbers
         first = numbers[nodes]  # 0 for nodes that had all their bonds
@@ -701,7 +701,7 @@ class _States:
             return np.where(first[:, None, None] > 0, law.matrices[first], self._whole_laws(moduli))
         shapes = self._shapes(nodes)
         if len(law.unit) > 1:  # otherwise the law does not depend on the shape tensor
-            moduli[:, :2] *= stress_left(shapes, law.firmness[first])[:, None]
+            moduli[:, :2] *= stress_left(shapes, law.harmonic_eigenvalue[first])[:, None]
         return passes.sums.law(shapes, moduli)
 
     def _whole_laws(self, moduli: np.ndarray) -> np.ndarray:
@@ -727,10 +727,10 @@ class _States:
         passes, bonds, scale = self.passes, self.loop.tables.bonds, self.loop.stage.scale
         distance, u = self._distances()[bond], self.loop.split(self.loop.stage.src)
         xi = bonds.table[bond, : self.loop.components, None]
-        eta = u[:, nodes + distance] - u[:, nodes] - self.loop.warmth(nodes, nodes + distance) * xi
+        eta = u[:, nodes + distance] - u[:, nodes] - self.loop.thermal_strain(nodes, nodes + distance) * xi
         own = passes.weights[0][bond] @ eta
         moduli = passes.moduli_at(nodes) + passes.moduli_at(nodes + distance)
-        firm = np.broadcast_to(bonds.firmness, self.loop.engine.layout.size)
+        firm = np.broadcast_to(bonds.harmonic_eigenvalue, self.loop.engine.layout.size)
         stress = firm[nodes] * states[:, nodes] + firm[nodes + distance] * states[:, nodes + distance]
         stress -= np.einsum("sab,bs->as", self._whole_laws(moduli), own) / 2
         energy = np.einsum("as,as->s", eta, scale * passes.weights[1][bond] @ stress)
@@ -759,7 +759,7 @@ class _States:
     def _push_apart(self) -> None:
         """Let absent bonds push their ends apart where they are shorter than initially."""
         bonds, d = self.loop.tables.bonds, self.loop.components
-        hard = self.loop.tables.material._replace(coefficient=bonds.hardness)
+        hard = self.loop.tables.material._replace(coefficient=bonds.contact_stiffness)
         for bond, nodes, alive, curved, ahead, e in self.loop.stretches():
             pushes = _lasts(bonds, bond, nodes) & ~alive & curved & (e < 0)
             c = bonds.table[bond, d + 1] * factors_of(hard, nodes, nodes + bonds.places[bond, 0])

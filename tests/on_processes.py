@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import farhorizon as fh
 from farhorizon.cli import main
-from farhorizon.simulation.sent import numbers_sent, sent_by
+from farhorizon.simulation.halo_volume import halo_bytes, halo_numbers
 
 WORLD, FOLDER, SIZE = MPI.COMM_WORLD, Path(sys.argv[1]), sys.argv[2]
 #: The first two processes of four, and the first one.
@@ -422,7 +422,7 @@ def asleep_until_all_are_here():
 
 def really_sent(engine):
     """Return the number of bytes of the messages of a step, without those of the layers' filter."""
-    numbers, values = numbers_sent(engine), [messages.volume for messages in engine.exchange.messages]
+    numbers, values = halo_numbers(engine), [messages.volume for messages in engine.exchange.messages]
     stages = len(engine.stages.numbers)
     return engine.dtype.itemsize * (values[0] * sum(numbers) + sum(values[1:-1]) * stages)
 
@@ -461,10 +461,10 @@ def compared():
                 same = all(np.array_equal(one, other, equal_nan=True) for one, other in every)
                 off = max(relative(one, other) for one, other in every)
                 moves = float(np.nanmax(np.abs(alone.fields["u"])))
-                boxes = together.share.decomposition
+                boxes = together.subdomain.decomposition
                 yield {
                     "case": name,
-                    "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
+                    "bytes": [sum(sent), sum(halo_bytes(boxes, number, alone) for number in range(WORLD.size))],
                     "cuts": boxes.cuts,
                     "same": same,
                     "off": off,

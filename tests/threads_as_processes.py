@@ -4,10 +4,10 @@ import threading
 
 import numpy as np
 
-from farhorizon.simulation.team import Team
+from farhorizon.simulation.process_group import ProcessGroup
 
 
-class Threads(Team):
+class Threads(ProcessGroup):
     """One of several processes that are threads, gathering values from each other."""
 
     def __init__(self, number, told, barrier):
@@ -22,7 +22,7 @@ class Threads(Team):
         self._barrier.wait()
         return every
 
-    def passed(self, value, to, of):
+    def send_receive(self, value, to, of):
         every = self.gather(value)
         return None if of < 0 else every[of]
 

@@ -292,7 +292,7 @@ def path(value: Any, key: str) -> Path:
     return found
 
 
-def settle(target: Any, /, **values: Any) -> None:
+def set_fields(target: Any, /, **values: Any) -> None:
     """Set attributes of a frozen dataclass to the values returned by converters."""
     for name, value in values.items():
         object.__setattr__(target, name, value)

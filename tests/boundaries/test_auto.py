@@ -6,8 +6,8 @@ import pytest
 import farhorizon as fh
 from farhorizon.boundaries import Extended, LatticePML
 from farhorizon.case.case import Case
-from farhorizon.checks.price import Price
-from farhorizon.simulation import settling
+from farhorizon.checks.run_cost import RunCost
+from farhorizon.simulation import side_selection
 from farhorizon.studies.compare import compare
 
 LATTICE = fh.Lattice(0.25, (-3.0, -2.0), (3.0, 2.0))
@@ -38,8 +38,8 @@ def dear(monkeypatch):
     """Make the extended domain a given number of times as expensive as layers."""
 
     def set_price(times):
-        monkeypatch.setattr(settling, "price", lambda sim: Price(1.0, 1.0, 1.0))
-        monkeypatch.setattr(settling, "extended_price", lambda sim, until, sides: Price(1.0, times, 1.0))
+        monkeypatch.setattr(side_selection, "run_cost", lambda sim: RunCost(1.0, 1.0, 1.0))
+        monkeypatch.setattr(side_selection, "extended_run_cost", lambda sim, until, sides: RunCost(1.0, times, 1.0))
 
     return set_price
 

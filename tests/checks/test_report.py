@@ -8,8 +8,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.layers.spectrum import faded
-from farhorizon.checks.price import two_digits
 from farhorizon.checks.report import Report, content
+from farhorizon.checks.run_cost import two_digits
 from farhorizon.cli import main
 from farhorizon.engine.rows import notice
 

@@ -316,8 +316,10 @@ def test_both_compute_the_same(make):
         np.testing.assert_allclose(one.core.view(b), one.core.view(a), rtol=0, atol=1e-12 * np.abs(a).max())
     np.testing.assert_allclose(two.flows.sum(0), one.flows.sum(0), rtol=1e-10, atol=1e-13)
     np.testing.assert_array_equal(two.tables.bonds.alive, one.tables.bonds.alive)
-    np.testing.assert_allclose(two.tables.bonds.shares, one.tables.bonds.shares, rtol=0, atol=1e-10)
-    assert one.bonds.softening is None or (one.tables.bonds.shares < 1).sum() > 20
+    np.testing.assert_allclose(
+        two.tables.bonds.residual_stiffness, one.tables.bonds.residual_stiffness, rtol=0, atol=1e-10
+    )
+    assert one.bonds.softening is None or (one.tables.bonds.residual_stiffness < 1).sum() > 20
     for mine, other in zip(compiled.recorders, plain.recorders, strict=True):
         for name, values in mine.data.items():
             np.testing.assert_allclose(other.data[name], values, rtol=0, atol=1e-12 * np.abs(values).max())

@@ -47,7 +47,7 @@ def values(constraint, lattice=BAR, reach=3, **options):
     for i, node in enumerate(table.nodes):
         part = slice(table.starts[i], table.starts[i + 1])
         out[node] = table.weights[part] @ u[table.references[part]]
-        out[node] += sum(time(2.0)[i] if space is None else space[i] * time(2.0) for space, time in table.drives)
+        out[node] += sum(time(2.0)[i] if space is None else space[i] * time(2.0) for space, time in table.source_terms)
         u[node] = out[node]
     return out.reshape(lattice.shape)
 
@@ -147,7 +147,9 @@ def test_corners_of_layers_are_images_of_images():
     flat = u.ravel()
     for i, node in enumerate(table.nodes):
         part = slice(table.starts[i], table.starts[i + 1])
-        flat[node] = table.weights[part] @ flat[table.references[part]] + sum(space[i] for space, _ in table.drives)
+        flat[node] = table.weights[part] @ flat[table.references[part]] + sum(
+            space[i] for space, _ in table.source_terms
+        )
     np.testing.assert_allclose(u, exact)
     assert len(set(table.nodes.tolist())) == len(table.nodes) == 2 * 8 + 2 * 8
     both = resolve([Insulated("y-"), Temperature("x-", 2.0, "volume")], PLATE, [2, 2])
@@ -504,7 +506,7 @@ def told(table, lattice):
     """
     held, whole = {}, np.arange(np.prod(lattice.whole.shape)).reshape(lattice.whole.shape)[lattice.within].ravel()
     added = np.zeros(len(table.nodes))
-    for space, time in table.drives:
+    for space, time in table.source_terms:
         added = added + (time(1.5) if space is None else space * time(1.5))
     for i, node in enumerate(table.nodes):
         here = slice(table.starts[i], table.starts[i + 1])

@@ -159,9 +159,9 @@ def test_the_remainder_of_scalar_waves_falls_as_the_square(case, name):
     setup = CASES[case](rng)
     dim, steps = setup.lattice.dim, STEPS if setup.lattice.dim < 3 else 30
     points = np.array(LISTENING) if dim == 2 else [[3.0], [-4.2]] if dim == 1 else [(2.3, 0.4, -1.0), (1.0, -2.0, 1.7)]
-    listening = fh.Receivers(points, ["u", "v"], interpolation="linear")
+    block_sums = fh.Receivers(points, ["u", "v"], interpolation="linear")
     data = {one: 0.05 * rng.standard_normal((steps + 1, len(points))) for one in ("u", "v")}
-    check_taylor(setup, fh.LeastSquares(listening, data), name, steps * setup.dt, rng)
+    check_taylor(setup, fh.LeastSquares(block_sums, data), name, steps * setup.dt, rng)
 
 
 def solid(rng, sides, cracks=(), constants=("young",), dim=2, **options):
@@ -207,12 +207,12 @@ def test_the_remainder_of_bonds_falls_as_the_square(case, name):
 def check_solid(setup, name, rng, **options):
     dim, steps = setup.lattice.dim, 60 if setup.lattice.dim < 3 else 25
     points = np.array([(4.0, 3.2, 0.0), (-3.3, -5.0, 1.0)])[:, :dim] * (1 if dim < 3 else 0.6)
-    listening = fh.Receivers(points, ["u", "v"], interpolation="linear")
+    block_sums = fh.Receivers(points, ["u", "v"], interpolation="linear")
     data = {one: 0.05 * rng.standard_normal((steps + 1, len(points), dim)) for one in ("u", "v")}
     # Layers of solids filter short waves, by displacements instead of momenta; beside them runs are reciprocal to 1e-6.
     filtered = any(side.stretched for side in setup.sides.values())
     agreement = 1e-6 if filtered else 1e-8
-    check_taylor(setup, fh.LeastSquares(listening, data), name, steps * setup.dt, rng, agreement, **options)
+    check_taylor(setup, fh.LeastSquares(block_sums, data), name, steps * setup.dt, rng, agreement, **options)
 
 
 def diffusing(rng, sides, model, **options):
@@ -250,9 +250,9 @@ def test_the_remainder_of_diffusion_falls_as_the_square(case, model, name):
     rng = drawn(f"{case} {model.__name__} {name}")
     setup = FLOWS[case](rng, model)
     setup = replace(setup, dt=fh.Simulation.of(setup).dt)
-    listening = fh.Receivers(LISTENING, interpolation="linear", every=3)
+    block_sums = fh.Receivers(LISTENING, interpolation="linear", every=3)
     data = 0.3 + 0.05 * rng.standard_normal((STEPS // 3 + 1, len(LISTENING)))
-    check_taylor(setup, fh.LeastSquares(listening, data), name, STEPS * setup.dt, rng)
+    check_taylor(setup, fh.LeastSquares(block_sums, data), name, STEPS * setup.dt, rng)
 
 
 STATES = {
@@ -286,8 +286,8 @@ def test_layers_of_correspondence_materials_are_reciprocal_up_to_their_filter():
     """They damp zero-energy modes by a filter of both levels, which is not symmetric; what passes it is small."""
     rng = drawn("correspondence layers")
     setup = solid(rng, fh.LatticePML(nodes=8), **STATES["correspondence"])
-    listening = fh.Receivers([(3.0, 2.0)], interpolation="linear")
-    misfit = fh.LeastSquares(listening, 0.05 * rng.standard_normal((61, 1, 2)))
+    block_sums = fh.Receivers([(3.0, 2.0)], interpolation="linear")
+    misfit = fh.LeastSquares(block_sums, 0.05 * rng.standard_normal((61, 1, 2)))
     direction = rng.standard_normal(setup.lattice.shape)
     direction *= fh.gradient(setup, misfit, "bulk", 60 * setup.dt)["bulk"] != 0
     *_, slope, _, at = remainders(setup, misfit, "bulk", 60 * setup.dt, direction, [])

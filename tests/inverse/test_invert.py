@@ -26,20 +26,20 @@ def plate(speed, place, **options):
     return fh.Setup(LATTICE, fh.Wave(fh.Kernel(2.0), speed), fh.LatticePML(nodes=8), sources=[source], dt=DT, **options)
 
 
-def listening():
+def block_sums():
     return fh.Receivers(AROUND, interpolation="linear")
 
 
 def shots(count=4, noise=0.0, truth=None, start=None):
     rng, found = np.random.default_rng(SEED), []
     for place in PLACES[:count]:
-        line = listening()
+        line = block_sums()
         run = fh.Simulation.of(plate(bell() if truth is None else truth, place), observe=[line])
         run.step(STEPS)
         data = line.data["u"]
         data = data + noise * np.abs(data).max() * rng.standard_normal(data.shape)
         begin = np.ones(LATTICE.shape) if start is None else start
-        found.append((plate(begin, place), fh.LeastSquares(listening(), data)))
+        found.append((plate(begin, place), fh.LeastSquares(block_sums(), data)))
     return found
 
 
@@ -148,7 +148,7 @@ def test_roughness_and_means_have_the_derivatives_that_they_say():
 
 def test_frequencies_are_left_out_by_a_symmetric_filter():
     rng = np.random.default_rng(SEED)
-    line = listening()
+    line = block_sums()
     times = DT * np.arange(80)
     misfit = fh.LeastSquares(line, rng.standard_normal((80, len(AROUND)))).below(0.05)
     records = {"u": rng.standard_normal((80, len(AROUND)))}
@@ -165,7 +165,7 @@ def test_frequencies_are_left_out_by_a_symmetric_filter():
 
 def given_shot(**options):
     setup = plate(np.ones(LATTICE.shape), PLACES[0])
-    return replace(setup, **options), fh.LeastSquares(listening(), np.zeros((STEPS + 1, len(AROUND))))
+    return replace(setup, **options), fh.LeastSquares(block_sums(), np.zeros((STEPS + 1, len(AROUND))))
 
 
 REFUSED = {
@@ -182,12 +182,12 @@ REFUSED = {
     "negative weight": ([given_shot()], {"tikhonov": -1.0}, "tikhonov"),
     "no frequency": ([given_shot()], {"frequencies": [0.0]}, "frequencies"),
     "own misfit": (
-        [(given_shot()[0], fh.OwnMisfit(listening(), lambda records, times: (0.0, {})))],
+        [(given_shot()[0], fh.OwnMisfit(block_sums(), lambda records, times: (0.0, {})))],
         {"frequencies": [0.1]},
         "frequencies",
     ),
     "published sides": ([given_shot(boundary=fh.Higdon())], {}, "boundary.x-"),
-    "short data": ([(given_shot()[0], fh.LeastSquares(listening(), np.zeros((9, 9))))], {}, "misfit.data.u"),
+    "short data": ([(given_shot()[0], fh.LeastSquares(block_sums(), np.zeros((9, 9))))], {}, "misfit.data.u"),
 }
 
 

@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion, half_weights, run_kernel, transform_kernel
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.checks.price import extended_price
+from farhorizon.checks.run_cost import extended_run_cost
 from farhorizon.medium.integrators import Euler, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.studies.compare import compare
 from helpers import dense_operator
@@ -303,7 +303,7 @@ def test_wide_domains_and_prices():
     wide.step(steps)
     assert np.abs(wide.fields["u"] - infinite.after(steps)).max() < 1e-8
     sim = fh.Simulation(box(15), model, fh.LatticePML(target=1e-8, until=60.0), start)
-    assert extended_price(sim, 60.0, [(0, -1), (0, 1)]).nodes <= 31 + 2 * 60
+    assert extended_run_cost(sim, 60.0, [(0, -1), (0, 1)]).nodes <= 31 + 2 * 60
 
 
 def driven(rng, dim):

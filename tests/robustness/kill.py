@@ -115,10 +115,10 @@ def run(arguments, period, pictures, calls=None, **environment):
     if child == 0:
         code = 99
         try:
-            from farhorizon.cli import main, marching
+            from farhorizon.cli import main, run_loop
             from farhorizon.pictures import result_pictures
 
-            marching.CHECKPOINT_SECONDS = period
+            run_loop.CHECKPOINT_SECONDS = period
             if not pictures:  # pictures take most of the time
                 result_pictures.plot_results = lambda *_: []
             os.environ.update(environment)

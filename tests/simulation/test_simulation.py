@@ -8,7 +8,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.engine.state import as_before
-from farhorizon.simulation.surroundings import memory_needed
+from farhorizon.simulation.layered_sides import memory_needed
 
 LATTICE = fh.Lattice(0.25, (-3, -3), (3, 3))
 KERNEL = fh.Kernel(0.75)
@@ -325,7 +325,7 @@ def test_the_memory_estimate_is_that_of_the_set_up(dim, n):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # an estimate: data and sources of many terms need more, none less
-    assert 0.5 < memory_needed(sim.setup, sim.stencil, sim.parts.around) / peak < 2
+    assert 0.5 < memory_needed(sim.setup, sim.stencil, sim.parts.layered) / peak < 2
 
 
 BAD = [

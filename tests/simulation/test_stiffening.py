@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation import assembly, share
+from farhorizon.simulation import assembly, subdomain
 from farhorizon.simulation.assembly import assembled
+from farhorizon.simulation.process_group import ProcessGroup
 from farhorizon.simulation.stiffening import largest_rate, stiffening
-from farhorizon.simulation.team import Team
 
 KERNEL = fh.Kernel(2.0)
 SOLIDS = {
@@ -40,7 +40,7 @@ def counted(monkeypatch, owner, name):
     return calls
 
 
-class Counting(Team):
+class Counting(ProcessGroup):
     """One process that counts its sums over all processes."""
 
     sums = 0
@@ -71,7 +71,7 @@ def test_the_largest_rate_is_that_of_the_matrix(name):
     body = fh.Lattice(1.0, (-5.0, -4.0), (5.0, 4.0), body=fh.Box((-5.2, -4.2), (5.2, 4.2)) - fh.Disc(1.5, (0.4, 0.0)))
     setup = setup_of(name, fh.Free(), [[(2.0, 0.5), (9.0, 0.5)]], lattice=body, initial=None)
     parts = assembled(setup)
-    assert largest_rate(parts.grid, Team()) == pytest.approx(dense_rate(setup), rel=1e-7)
+    assert largest_rate(parts.grid, ProcessGroup()) == pytest.approx(dense_rate(setup), rel=1e-7)
 
 
 @pytest.mark.parametrize(("dtype", "power"), [("float64", 190), ("float64", -190), ("float32", 28), ("float32", -28)])
@@ -124,7 +124,7 @@ def test_what_oscillates_at_a_crack_is_found_in_a_large_box(poisson):
     small = fh.Lattice(1.0, (-30.0, -30.0), (30.0, 30.0))  # just large enough for what oscillates at the crack
     parts = fh.Simulation.of(fh.Setup(small, solid, fh.LatticePML(nodes=6), {"u": middle}, cracks=[CRACK])).parts
     assert (limits[0] / parts.near.step_limit) ** 2 == pytest.approx(1, rel=1e-4)
-    assert largest_rate(parts.grid, Team()) < parts.near.rate_limit
+    assert largest_rate(parts.grid, ProcessGroup()) < parts.near.rate_limit
 
 
 def test_noise_in_a_large_box_stays_bounded_near_the_limit():
@@ -144,8 +144,8 @@ def test_where_moduli_differ_waves_along_the_interface_are_found():
         lattice = fh.Lattice(1.0, (-size, -12.0), (size, 12.0))
         solid = fh.Elastic(KERNEL, "1 + (y > 0.3)", "0.3 + 0.14*(y > 0.3)", material="state-based")
         parts = assembled(fh.Setup(lattice, solid, fh.LatticePML(nodes=6), {"u": [0.0, 0.0]}, threads=1))
-        found = stiffening(parts.near, parts.grid, Team())
-        assert largest_rate(parts.grid, Team()) < found * parts.near.rate_limit
+        found = stiffening(parts.near, parts.grid, ProcessGroup())
+        assert largest_rate(parts.grid, ProcessGroup()) < found * parts.near.rate_limit
 
 
 def test_a_crack_shortens_the_step_only_where_it_makes_the_solid_stiffer():
@@ -187,7 +187,7 @@ def test_the_limit_is_that_of_the_layers_that_were_chosen(name, cracks):
     trial = fh.Simulation.of(setup_of(name, cracks=cracks)).rate_limit
     for nodes in (1, 3, 30):
         parts = fh.Simulation.of(setup_of(name, fh.LatticePML(nodes=nodes), cracks)).parts
-        own = largest_rate(parts.grid, Team())
+        own = largest_rate(parts.grid, ProcessGroup())
         assert own < parts.near.rate_limit and own < trial < 1.05 * own
 
 
@@ -245,7 +245,7 @@ def test_what_is_refused_is_said_of_the_set_up_itself():
 def test_a_lattice_on_which_no_layer_is_chosen_is_refused_before_any_work(monkeypatch):
     """Its trial is not assembled first."""
     assemblies = counted(monkeypatch, assembly, "assembled")
-    monkeypatch.setattr(share, "_CHOSEN", 100)
+    monkeypatch.setattr(subdomain, "_CHOSEN", 100)
     with pytest.raises(fh.InputError, match="no process has on so large a lattice"):
-        assembly.assemble_shared(setup_of("correspondence"), Team(), None, [])
+        assembly.assemble_subdomain(setup_of("correspondence"), ProcessGroup(), None, [])
     assert not assemblies

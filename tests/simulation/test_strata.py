@@ -65,8 +65,8 @@ def test_layers_are_made_for_the_most_nearly_incompressible_medium_at_their_side
 
 
 def _continued(setup, team):
-    share, _ = shared(setup, team, None)
-    return survey(share.setup, 1.0, team, share).near.continued.weights
+    subdomain, _ = shared(setup, team, None)
+    return survey(subdomain.setup, 1.0, team, subdomain).near.continued.weights
 
 
 def random_strata(rng):

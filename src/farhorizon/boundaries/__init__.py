@@ -12,7 +12,7 @@ from farhorizon.boundaries.first_order import FirstOrder
 from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.lattice_pml import LatticePML
 from farhorizon.boundaries.nonlocal_pml import NonlocalPML
-from farhorizon.boundaries.outline import Closing, Closure, Outline
+from farhorizon.boundaries.outline import Closing, Outline, OutlineCondition
 from farhorizon.boundaries.plain import Fixed, Free, Periodic
 from farhorizon.boundaries.plane_wave import PlaneWave
 from farhorizon.boundaries.side import Side, names
@@ -24,7 +24,6 @@ from farhorizon.kinds import said
 __all__ = [
     "Auto",
     "Closing",
-    "Closure",
     "Exact",
     "ExactEnds",
     "Extended",
@@ -35,6 +34,7 @@ __all__ = [
     "LatticePML",
     "NonlocalPML",
     "Outline",
+    "OutlineCondition",
     "Periodic",
     "PlaneWave",
     "Side",

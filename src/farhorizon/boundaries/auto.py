@@ -46,7 +46,7 @@ class Auto(Side):
     until: Duration | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(self, target=self.as_domain(None).target, until=self.as_domain(None).until)
+        kinds.set_fields(self, target=self.as_domain(None).target, until=self.as_domain(None).until)
 
     def wanted(self, default: float) -> float:
         """Return the target if one is given, otherwise that of the model."""

@@ -80,7 +80,7 @@ class Exact(Side):
 
     def __post_init__(self) -> None:
         none = self.compress is None or self.compress is False  # a case file has no None
-        kinds.settle(
+        kinds.set_fields(
             self, compress=None if none else kinds.number(self.compress, "boundary.compress", least=1e-15, most=0.1)
         )
 

@@ -56,7 +56,7 @@ class Extended(Side):
     until: Duration | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             target=checked_target(self.target, 1e-12),
             nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1),

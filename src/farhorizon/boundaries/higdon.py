@@ -53,7 +53,7 @@ class Higdon(Closing):
 
     def __post_init__(self) -> None:
         angles = np.atleast_1d(kinds.array(self.angles, "boundary.angles"))
-        kinds.settle(
+        kinds.set_fields(
             self,
             angles=tuple(kinds.array(angles, "boundary.angles", shape=(None,)).tolist()),
             shift=None if self.shift is None else kinds.number(self.shift, "boundary.shift", least=0),

@@ -115,7 +115,7 @@ class LatticePML(Side):
                 raise InputError(
                     "layers are no longer chosen by angle", value=given, key=f"boundary.{name}", remedy=BY_TARGET
                 )
-        kinds.settle(
+        kinds.set_fields(
             self,
             target=checked_target(self.target, 1e-14),
             nodes=None

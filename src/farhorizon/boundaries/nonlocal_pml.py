@@ -77,7 +77,7 @@ class NonlocalPML(Side):
     shift: Frequency = 0.0
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             nodes=kinds.integer(self.nodes, "boundary.nodes", least=1),
             ramp=kinds.one_of(self.ramp, "boundary.ramp", (*RAMPS, "gaussian"), "unknown ramp"),

@@ -22,7 +22,7 @@ from farhorizon import kinds
 from farhorizon.analysis import modes
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
-from farhorizon.engine.fringe import fringe_table
+from farhorizon.engine.outline_stencil import outline_table
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
@@ -79,7 +79,7 @@ class Medium:
                 limit="(J, dim) and (J,) or (J, d, d)",
                 key="medium.weights",
             )
-        kinds.settle(
+        kinds.set_fields(
             self,
             order=kinds.integer(self.order, "medium.order", least=1, most=2),
             coefficient=kinds.number(self.coefficient, "medium.coefficient", above=0),
@@ -388,7 +388,7 @@ class OutlineNodes:
         return {key: self.filled[owner == number] for number, key in enumerate(sides) if (owner == number).any()}
 
 
-class Closure:
+class OutlineCondition:
     """Conditions along one outline, in an engine.
 
     Parameters
@@ -436,12 +436,12 @@ class Closure:
         outside = engine.all_components(indices[self.outside])
         self.unmoved = np.concatenate([engine.all_components(indices[self.halo]), outside])
         found = self.update.indptr, self.update.indices, self.update.data
-        sums = fringe_table(self.nodes, self.levels, self._fronts, self.rows, *found, outside)
-        engine.replace(fringe=sums)
+        sums = outline_table(self.nodes, self.levels, self._fronts, self.rows, *found, outside)
+        engine.replace(outline_stencil=sums)
 
     def start(self) -> None:
         """Initialise the memory with the state one step ago, before which all was at rest."""
-        history = self.engine.fringe_history
+        history = self.engine.outline_history
         history[...] = 0
         if self.levels > 2:
             history[0] = self.engine.older[self.nodes]

@@ -38,7 +38,7 @@ class Fixed(Side):
     cracks: ClassVar[Literal["end"]] = "end"
 
     def __post_init__(self) -> None:
-        kinds.settle(self, value=kinds.number(self.value, "boundary.value"))
+        kinds.set_fields(self, value=kinds.number(self.value, "boundary.value"))
 
     @property
     def held(self) -> float:

@@ -160,7 +160,7 @@ class PlaneWave(Closing):
             "rcond": partial(kinds.number, least=0, below=1),
             "balanced": kinds.flag,
         }
-        kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
+        kinds.set_fields(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
     def calmer(self) -> str:
         """Return the default, or damping where it is the default that grows: it is certified in damped media."""

@@ -41,7 +41,7 @@ class Sponge(Side):
     strength: Frequency | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             nodes=kinds.integer(self.nodes, "boundary.nodes", least=1),
             strength=None if self.strength is None else kinds.number(self.strength, "boundary.strength", least=0),

@@ -29,10 +29,10 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.quantities import QUANTITIES
 from farhorizon.simulation.recorder import Observer
-from farhorizon.simulation.rest import STATIC
 from farhorizon.simulation.setup import check_names
-from farhorizon.simulation.share import checked_topology
+from farhorizon.simulation.steady_state import STATIC
 from farhorizon.simulation.steps import WholeSteps, whole_steps
+from farhorizon.simulation.subdomain import checked_topology
 
 _OUTPUTS = 40  # outputs of a run if `every` is not given
 _MOST_OUTPUTS = 1e6  # each takes milliseconds

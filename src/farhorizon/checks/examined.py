@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon.analysis.extent import Extent
 from farhorizon.analysis.layers.thickness import Thickness
-from farhorizon.boundaries import Closure, ExactEnds, Side
+from farhorizon.boundaries import ExactEnds, OutlineCondition, Side
 from farhorizon.engine.engine import Engine
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions
@@ -73,7 +73,7 @@ class Examined(Timed, Protocol):
     leak : ndarray
         Rate at which each node loses its value to the surroundings of the body; shape of the lattice, or empty if there
         is no loss.
-    closure : Closure or None
+    closure : OutlineCondition or None
         Condition along the outline of the near field.
     coefficients : dict of (axis, side) to float
         Squared speed or diffusivity of the medium at each side.
@@ -106,7 +106,7 @@ class Examined(Timed, Protocol):
     conditions: Conditions
     prescribed: PrescribedNodes
     leak: np.ndarray
-    closure: Closure | None
+    closure: OutlineCondition | None
     coefficients: dict[tuple[int, int], float]
     extents: dict[tuple[int, int], Extent]
     recorders: list[Any]

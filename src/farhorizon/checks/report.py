@@ -29,7 +29,7 @@ from farhorizon.checks.facts import (
     size_rows,
     wave_rows,
 )
-from farhorizon.checks.price import Price, extended_price, layered, price, seconds_near_breaking, two_digits
+from farhorizon.checks.run_cost import RunCost, extended_run_cost, layered, run_cost, seconds_near_breaking, two_digits
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -417,7 +417,7 @@ class Report:
     def _estimate(self, sim: Examined, until: float) -> None:
         """Estimate the time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt - _FITS))
-        mine = price(sim, self.estimate(sim, steps, until) / steps)
+        mine = run_cost(sim, self.estimate(sim, steps, until) / steps)
         breaks = sim.model.bond_law is not None and np.isfinite(sim.engine.bonds.limit)
         if breaks and sim.lattice.dim > 1:
             most = max(seconds_near_breaking(sim), mine.seconds)
@@ -432,7 +432,7 @@ class Report:
             return
         if not sim.targets:
             return
-        far = extended_price(sim, until, list(sim.targets))
+        far = extended_run_cost(sim, until, list(sim.targets))
         self._say(
             "extended domain",
             f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
@@ -446,14 +446,14 @@ class Report:
         layers = "; layers save more in longer runs and in 3D" if sim.engine.layers else ""
         self._recommend(mine, "extended", far, steps, layers)
 
-    def _compare_with_layer(self, sim: Examined, mine: Price, until: float, steps: int) -> None:
+    def _compare_with_layer(self, sim: Examined, mine: RunCost, until: float, steps: int) -> None:
         """Compare time and memory with those of layers in place of the extended domain."""
         try:
             twin = layered(sim, until)
         except InputError as error:
             self._say("layers instead", str(error))
             return
-        other = price(twin)
+        other = run_cost(twin)
         thickest = max(layer.columns for layer in twin.engine.layers.values())
         self._say("layers instead", f"of {thickest} nodes: {other.over(mine)} of this run")
         self.numbers |= {
@@ -463,7 +463,7 @@ class Report:
         }
         self._recommend(mine, "lattice-pml", other, steps)
 
-    def _recommend(self, mine: Price, theirs: str, other: Price, steps: int, when: str = "") -> None:
+    def _recommend(self, mine: RunCost, theirs: str, other: RunCost, steps: int, when: str = "") -> None:
         """Say which sides that keep the target are cheapest, and note savings that are worth it."""
         share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
         if share >= 1:

@@ -11,7 +11,7 @@ from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_st
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from farhorizon.simulation.team import Team
+    from farhorizon.simulation.process_group import ProcessGroup
 
 #: Environment variables in which launchers tell each process how many there are, and its number.
 _COUNTS = "PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE", "SLURM_STEP_NUM_TASKS"
@@ -91,11 +91,11 @@ def communicator() -> Any:
     return MPI.COMM_WORLD
 
 
-def all_processes() -> Team:
+def all_processes() -> ProcessGroup:
     """Return the team of all processes that were started together; raises as `communicator` does."""
-    from farhorizon.simulation.team import Team
+    from farhorizon.simulation.process_group import ProcessGroup
 
-    return Team(communicator())
+    return ProcessGroup(communicator())
 
 
 def _pass_on(error: BaseException) -> None:
@@ -117,7 +117,7 @@ def pass_on_refusal(arguments: Sequence[str]) -> None:
 
 def end_all(options: argparse.Namespace | None, error: BaseException, tell: Callable[[], int]) -> None:
     """If this process failed alone among several, report it and end them all: they would wait for it for ever."""
-    team: Team | None = getattr(options, "team", None)
+    team: ProcessGroup | None = getattr(options, "team", None)
     if team is None:
         _pass_on(error)
         return

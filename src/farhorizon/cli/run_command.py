@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from farhorizon.cli.common import GOOD, case_of, check_folder, made_folder, write_json
-from farhorizon.cli.marching import RunFiles, again, march
 from farhorizon.cli.processes import all_processes
+from farhorizon.cli.run_loop import RunFiles, advance_run, again
 
 if TYPE_CHECKING:
     from farhorizon.cli.outputs import RunFacts
@@ -52,7 +52,7 @@ def run_command(options: argparse.Namespace) -> int:
     with ExitStack() as held:
         team.by_first(lambda: held.enter_context(_lock(options, files)))
         began = time.perf_counter()
-        output, steps, code = march(options, case, sim, files, until, last)
+        output, steps, code = advance_run(options, case, sim, files, until, last)
         if code == GOOD:
             taken, energy = time.perf_counter() - began, sim.energy()
             broken = sim.broken_bonds if "damage" in sim.fields else None

@@ -84,8 +84,8 @@ class AbsentBonds:
             engine.passes.leave_out(nodes, neighbours, *bare, self.exists)
             if not engine.weights.any():
                 nodes, neighbours, weights = nodes[:0], neighbours[:0], weights[:0]
-        if engine.warm_layers is not None:
-            pushes, traces = engine.warm_layers.without(nodes, neighbours)
+        if engine.thermoelastic_layers is not None:
+            pushes, traces = engine.thermoelastic_layers.without(nodes, neighbours)
             tables = engine.tables
             engine.replace(pushes=tables.pushes._replace(layers=pushes), traces=tables.traces._replace(layers=traces))
         engine.replace(

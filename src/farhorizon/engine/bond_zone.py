@@ -29,7 +29,7 @@ from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
-from farhorizon.engine.warmth import add_traces, add_traces_of_states
+from farhorizon.engine.thermal_strain import add_traces, add_traces_of_states
 
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 
@@ -85,7 +85,7 @@ class BondZone:
         warm: bool = False,
         softening: str | None = None,
         final: np.ndarray | None = None,
-        hardness: np.ndarray | None = None,
+        contact_stiffness: np.ndarray | None = None,
     ) -> None:
         """Set the zone: bonds with both ends in it have a law of their own stretch and may break.
 
@@ -108,13 +108,13 @@ class BondZone:
         contact : bool
             Whether bonds that are cut or broken carry compression.
         warm : bool
-            Whether nodes have thermal strains, see `engine.warmth`.
+            Whether nodes have thermal strains, see `engine.thermal_strain`.
         softening : {"linear", "exponential"}, optional
             How the force of bonds beyond the limit falls to zero (`bond_sweeps`); by default they break at once.
         final : ndarray, shape of the core
             For softening bonds, the stretch at which the bonds of each node have lost all stiffness; not below the
             limit.
-        hardness : ndarray, shape of the core, optional
+        contact_stiffness : ndarray, shape of the core, optional
             In state-based media, stiffness of closing bonds of each node relative to that of the medium.
         """
         engine, self.softening = self.engine, softening
@@ -143,11 +143,11 @@ class BondZone:
         before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
         changed, full = np.zeros_like(kinds), all_bits(len(places))
         closing = alive.copy() if contact else np.zeros((0, 0), np.uint64)
-        warmth = np.zeros(engine.layout.size if warm else 1, engine.dtype)
-        shares = np.ones((len(places) if softening else 0, alive.shape[1]), engine.dtype)
+        thermal_strain = np.zeros(engine.layout.size if warm else 1, engine.dtype)
+        residual_stiffness = np.ones((len(places) if softening else 0, alive.shape[1]), engine.dtype)
         finals = np.zeros(0, engine.dtype) if final is None else engine.spread(final, jointly=True)
-        hard = np.ones(1, engine.dtype) if hardness is None else engine.spread(hardness, jointly=True)
-        damage = forces, changed, before, full, strengths, closing, hard, warmth, shares, finals
+        hard = np.ones(1, engine.dtype) if contact_stiffness is None else engine.spread(contact_stiffness, jointly=True)
+        damage = forces, changed, before, full, strengths, closing, hard, thermal_strain, residual_stiffness, finals
         room = np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2]))
         own = *damage, *self._energies(spacing), np.ones(1, engine.dtype), room
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *own))
@@ -159,7 +159,7 @@ class BondZone:
         engine, passes = self.engine, self.engine.passes
         if passes is None or passes.sums.released is None:
             return np.zeros((0, 3)), np.zeros(2)
-        unit, law, dim = engine.stages.numbers[0][2], engine.tables.gather.sweep.law, engine.components
+        unit, law, dim = engine.stages.numbers[0][2], engine.tables.gradient_pass.sweep.law, engine.components
         released = unit * spacing**2 * passes.sums.released
         least = most = law.moduli.astype(float)
         if law.local.size:
@@ -238,8 +238,8 @@ class BondZone:
         block, kinds, zone = self.engine.layout.box, self.table.kinds, self.table.zone
         full = all_bits(len(self.table.places))[:, None, None, None]
         damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
-        for shares in self.table.shares:
-            damaged |= shares[block.node_indices()] < 1
+        for residual_stiffness in self.table.residual_stiffness:
+            damaged |= residual_stiffness[block.node_indices()] < 1
         for axis, m in enumerate(self.engine.layout.reach):
             i = np.arange(block.nodes[axis])
             damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
@@ -291,10 +291,10 @@ class BondZone:
         """Number of remaining bonds of each node of the core; softening bonds count by their remaining stiffness."""
         nodes = self.engine.core.node_indices()
         bits = np.ascontiguousarray(self.table.alive[:, nodes])
-        if self.table.shares.size:
+        if self.table.residual_stiffness.size:
             total = np.zeros(nodes.shape)
-            for k, shares in enumerate(self.table.shares):
-                total += (bits[k >> 6] >> np.uint64(k & 63) & np.uint64(1)) * shares[nodes]
+            for k, residual_stiffness in enumerate(self.table.residual_stiffness):
+                total += (bits[k >> 6] >> np.uint64(k & 63) & np.uint64(1)) * residual_stiffness[nodes]
             return total
         return _SET_BITS[bits[..., None].view(np.uint8)].sum((0, -1), dtype=np.int64)
 
@@ -307,8 +307,8 @@ class BondZone:
         bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}
         if not table.forces:
             bonds |= {"changed": table.changed, "before": table.before}
-        if table.shares.size:
-            bonds["shares"] = table.shares
+        if table.residual_stiffness.size:
+            bonds["shares"] = table.residual_stiffness
         work = self.engine.tables.work
         return bonds | ({"work": work} if work.size else {})
 
@@ -334,7 +334,7 @@ class BondZone:
         engine = self.engine
         found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
-        warm, table = engine.warm_layers, self.table
+        warm, table = engine.thermoelastic_layers, self.table
         if warm is not None:
             table = table._replace(zone=Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach))
         if engine.passes is not None:
@@ -367,7 +367,7 @@ class BondZone:
         table, material = self.table, self.engine.tables.material
         if not table.forces:
             table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive)
-            material = material._replace(coefficient=table.hardness)
+            material = material._replace(coefficient=table.contact_stiffness)
         total = laws.strain_energy(
             self.engine.current,
             self.engine.older,
@@ -377,8 +377,8 @@ class BondZone:
             whole,
             self.engine.components,
             material,
-            table._replace(warmth=table.warmth[:1] * 0) if cold else table,
-            self.engine.warm_layers is not None,
+            table._replace(thermal_strain=table.thermal_strain[:1] * 0) if cold else table,
+            self.engine.thermoelastic_layers is not None,
         )
         return float(total) / self.engine.stages.numbers[0][2]
 
@@ -392,7 +392,7 @@ class BondZone:
         if engine.passes is None or not len(self.table.released):
             return float(laws.largest_strain(engine.current, tables.sweep.block, engine.components, self.table))
         engine.passes.states_of(engine.current, cold=False, halo=True)
-        sums = tables.sweep, tables.material, tables.gather, tables.scatter, self.table
+        sums = tables.sweep, tables.material, tables.gradient_pass, tables.divergence_pass, self.table
         return self.limit * float(np.sqrt(largest_energy(engine.current, *sums)))
 
     def present(self, nodes: tuple[slice, ...]) -> np.ndarray:

@@ -81,11 +81,12 @@ class Bonds(NamedTuple):
         a bond counts. One value if all are equal.
     closing : ndarray of uint64, shape of `alive`, or empty
         Bits of the bonds that carry compression even if they are cut or broken.
-    hardness : ndarray
+    contact_stiffness : ndarray
         In state-based media, relative stiffness of closing bonds at each place. One value if all are equal.
-    warmth : ndarray
-        Thermal strain at each place; a bond has the mean of its ends. One value if there is none; see `engine.warmth`.
-    shares : ndarray, shape (K, places of the core), or empty
+    thermal_strain : ndarray
+        Thermal strain at each place; a bond has the mean of its ends. One value if there is none; see
+        `engine.thermal_strain`.
+    residual_stiffness : ndarray, shape (K, places of the core), or empty
         Remaining fraction of the stiffness of softening bonds, 1 until stretched beyond the limit; kept by cut bonds.
     final : ndarray
         Stretch, at each place, at which softening bonds have lost all stiffness (`bond_sweeps`); the smaller of both
@@ -96,9 +97,9 @@ class Bonds(NamedTuple):
     bounds : ndarray, shape (2,)
         Coefficients of an upper bound of the energy, over that at a critical stretch of 1: of the norm of differences
         along the axes times that of the results of the law, and of the square of the former.
-    firmness : ndarray
-        Weight of the state at each place in that energy, see `shape_tensors.firmness`; smaller where a node lacked
-        bonds at first, so that fewer bear its stress. One value if no node does.
+    harmonic_eigenvalue : ndarray
+        Weight of the state at each place in that energy, see `shape_tensors.harmonic_eigenvalue`; smaller where a node
+        lacked bonds at first, so that fewer bear its stress. One value if no node does.
     room : ndarray, shape (threads, n, nodes)
         Work space of the threads that compute energies of bonds.
     """
@@ -118,13 +119,13 @@ class Bonds(NamedTuple):
     full: np.ndarray
     strength: np.ndarray
     closing: np.ndarray
-    hardness: np.ndarray
-    warmth: np.ndarray
-    shares: np.ndarray
+    contact_stiffness: np.ndarray
+    thermal_strain: np.ndarray
+    residual_stiffness: np.ndarray
     final: np.ndarray
     released: np.ndarray
     bounds: np.ndarray
-    firmness: np.ndarray
+    harmonic_eigenvalue: np.ndarray
     room: np.ndarray
 
 
@@ -287,9 +288,9 @@ def elongation(e, nonlinear):
 
 
 @njit(error_model="numpy", inline="always")
-def strain_of_heat(warmth, node, other):
+def strain_of_heat(thermal_strain, node, other):
     """Thermal part of the strain e of a bond: twice the mean of the thermal strains of its ends."""
-    return np.float64(warmth[node]) + np.float64(warmth[other]) if warmth.size > 1 else 0.0
+    return np.float64(thermal_strain[node]) + np.float64(thermal_strain[other]) if thermal_strain.size > 1 else 0.0
 
 
 @njit(error_model="numpy", inline="always")
@@ -299,7 +300,7 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     length = 0.0
     for c in range(components):
         length += np.float64(xi[c]) ** 2
-    warm = strain_of_heat(bonds.warmth, node, node + distance)
+    warm = strain_of_heat(bonds.thermal_strain, node, node + distance)
     now = elongation(strain_of(u, node, distance, xi, components, nonlinear) - warm, nonlinear)
     before = elongation(strain_of(old, node, distance, xi, components, nonlinear) - warm, nonlinear)
     factor = np.float64(xi[components + 1])
@@ -338,7 +339,7 @@ def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     """
     block, reach, src = sweep.block, sweep.reach, stage.src
     high, start, end = _ROWS_3 if stage.components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
-    if bonds.nonlinear or material.coefficient.size > 1 or bonds.warmth.size > 1:
+    if bonds.nonlinear or material.coefficient.size > 1 or bonds.thermal_strain.size > 1:
         return end, False
     whole, stop = True, begin
     while stop < min(begin + PIECE_NODES, end):
@@ -397,8 +398,8 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(alive.ctypes.data + 8 * node),
                 np.int64(bonds.strength.ctypes.data + node * size),
                 np.int64(bonds.closing.ctypes.data + 8 * node),
-                np.int64(bonds.warmth.ctypes.data + node * size),
-                np.int64(bonds.shares.ctypes.data + node * size),
+                np.int64(bonds.thermal_strain.ctypes.data + node * size),
+                np.int64(bonds.residual_stiffness.ctypes.data + node * size),
                 np.int64(bonds.final.ctypes.data + node * size),
                 np.int64(bonds.broken[i0, tile_row].ctypes.data),
                 np.int64(bonds.table.ctypes.data),
@@ -414,7 +415,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
             else:
                 if found:
                     bonds.changed[i0, tile_row, number] = JUST_CHANGED
-                    if not bonds.shares.size:  # softening bonds add up their losses themselves
+                    if not bonds.residual_stiffness.size:  # softening bonds add up their losses themselves
                         broken = bonds.broken[i0, tile_row]
                         add_broken(stage, material, bonds, kept, node, block[5], count, n, broken)
                 number += 1
@@ -519,14 +520,14 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                     if begin >= last:
                         continue
                     curved, closes = bonds.nonlinear and law, law and bonds.closing.size > 0
-                    softens = law and bonds.shares.size > 0
+                    softens = law and bonds.residual_stiffness.size > 0
                     part = slice(begin - first[2], last - first[2])
                     length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
                     factor = (0.5 if outside else 0.25) * np.float64(xi[components + 1]) * length
                     one, two, sums, there = now[part], before[part], energy[part], bits[part]
-                    for i in range(last - begin if bonds.warmth.size > 1 and (law or heated) else 0):
-                        warm = strain_of_heat(bonds.warmth, node + begin + i, node + begin + i + offset[0])
+                    for i in range(last - begin if bonds.thermal_strain.size > 1 and (law or heated) else 0):
+                        warm = strain_of_heat(bonds.thermal_strain, node + begin + i, node + begin + i + offset[0])
                         one[i] -= warm
                         two[i] -= warm
                     for i in range(last - begin):
@@ -538,7 +539,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                         acts = there[i] & mask != 0
                         left = gain if acts else 0.0
                         if softens and acts:
-                            left *= np.float64(bonds.shares[bond, node + begin + i])
+                            left *= np.float64(bonds.residual_stiffness[bond, node + begin + i])
                         if closes and (softens or not acts):
                             lasts = bonds.closing[bond >> 6, node + begin + i] & mask != 0
                             left = gain if lasts and one[i] < 0 and two[i] < 0 else left
@@ -584,7 +585,7 @@ def largest_strain(u, block, components, bonds):
                     there = alive[bond >> 6, node + start :]
                     for i in range(stop - start):
                         at, other = node + start + i, node + start + i + places[bond, 0]
-                        e = found[i] - strain_of_heat(bonds.warmth, at, other)
+                        e = found[i] - strain_of_heat(bonds.thermal_strain, at, other)
                         strength = weaker(bonds.strength, at, other)
                         largest = max(largest, e / strength if there[i] & mask != 0 else -1.0)
     return largest

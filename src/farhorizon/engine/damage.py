@@ -64,10 +64,10 @@ def break_bonds(thread, stage, sweep, material, bonds):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sum_state(level, node, bits, gather, numbers):
+def sum_state(level, node, bits, gradient_pass, numbers):
     """Compute the state and the shape tensor of a node from its present bonds."""
-    law, general, distances = gather.sweep.law, gather.sweep.general[0], gather.sweep.offsets
-    columns, rows, apart = gather.columns, gather.rows, level.size // gather.columns
+    law, general, distances = gradient_pass.sweep.law, gradient_pass.sweep.general[0], gradient_pass.sweep.offsets
+    columns, rows, apart = gradient_pass.columns, gradient_pass.rows, level.size // gradient_pass.columns
     shapes, whole = law.shapes, law.shapes.shape[1]
     numbers[_STATE : _STATE + rows] = 0
     numbers[_SHAPE : _SHAPE + whole] = 0
@@ -80,8 +80,8 @@ def sum_state(level, node, bits, gather, numbers):
                     numbers[_STATE + row] += general[(k * rows + row) * columns + column] * eta
             for i in range(whole):
                 numbers[_SHAPE + i] += shapes[k, i]
-    if law.warmth.size:
-        strain, dim = law.spacing * law.warmth[node], columns
+    if law.thermal_strain.size:
+        strain, dim = law.spacing * law.thermal_strain[node], columns
         for i in range(whole):
             if rows > 1:
                 numbers[_STATE + i] -= strain * numbers[_SHAPE + i]
@@ -131,9 +131,9 @@ def kept_law(law, node, numbers, rows):
 @njit(error_model="numpy", cache=True, counted=False)
 def borne_by_node(law, node, inverse, dim):
     """Share of its stress that a node bears as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
-    odd, first, whole = first_special(law.nodes, node), law.firmness[0], law.intact.dtype.type(1)
+    odd, first, whole = first_special(law.nodes, node), law.harmonic_eigenvalue[0], law.intact.dtype.type(1)
     if odd < law.nodes.size and law.nodes[odd] == node:
-        first = law.firmness[law.numbers[odd]]
+        first = law.harmonic_eigenvalue[law.numbers[odd]]
     trace = inverse[0] + inverse[dim + 1]
     if dim == 3:
         trace += inverse[8]
@@ -177,22 +177,22 @@ def law_of_node(law, node, numbers, rows):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
+def node_energy(stage, node, bits, bond_stencil, material, gradient_pass, divergence_pass, numbers):
     """Twice the energy of a node with some bonds, from the present displacements and those of the previous step, in
     units of the update.
     """
-    u, old, columns = stage.src, stage.base, gather.columns
-    sum_state(u, node, bits, gather, numbers)
-    law_of_node(gather.sweep.law, node, numbers, gather.rows)
-    apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
-    weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
-    warmth, arms = gather.sweep.law.warmth, gather.sweep.law.arms
-    warm, own, mean = warmth.size > 0, u[0] * 0, u[0] * 0
+    u, old, columns = stage.src, stage.base, gradient_pass.columns
+    sum_state(u, node, bits, gradient_pass, numbers)
+    law_of_node(gradient_pass.sweep.law, node, numbers, gradient_pass.rows)
+    apart, rows, distances = u.size // columns, divergence_pass.columns, gradient_pass.sweep.offsets
+    weights, pulls = divergence_pass.sweep.general[stage.part], bond_stencil.general[stage.part]
+    thermal_strain, arms = gradient_pass.sweep.law.thermal_strain, gradient_pass.sweep.law.arms
+    warm, own, mean = thermal_strain.size > 0, u[0] * 0, u[0] * 0
     total = 0.0
     for k in range(distances.size):
         if is_set(bits, node, k):
             if warm:
-                own, mean = warmth[node], (warmth[node] + warmth[node + distances[k]]) / 2
+                own, mean = thermal_strain[node], (thermal_strain[node] + thermal_strain[node + distances[k]]) / 2
             for a in range(columns):
                 at = node + a * apart
                 force, spring = 0.0, 0.0
@@ -214,14 +214,18 @@ def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, broken):
+def weigh_broken(stage, bonds, bond_stencil, material, gradient_pass, divergence_pass, node, numbers, broken):
     """Add the energy that a node loses as bonds break, and mark these bonds as accounted."""
     gone = False
     for word in range(bonds.alive.shape[0]):
         gone |= bonds.before[word, node] != bonds.alive[word, node]
     if gone:
-        broken[0] += node_energy(stage, node, bonds.before, springs, material, gather, scatter, numbers) / 2
-        broken[0] -= node_energy(stage, node, bonds.alive, springs, material, gather, scatter, numbers) / 2
+        broken[0] += (
+            node_energy(stage, node, bonds.before, bond_stencil, material, gradient_pass, divergence_pass, numbers) / 2
+        )
+        broken[0] -= (
+            node_energy(stage, node, bonds.alive, bond_stencil, material, gradient_pass, divergence_pass, numbers) / 2
+        )
         for word in range(bonds.alive.shape[0]):
             bonds.before[word, node] = bonds.alive[word, node]
 
@@ -229,25 +233,29 @@ def weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers
 @njit(error_model="numpy", cache=True, counted=False)
 def push_apart(stage, node, at, bonds, rule):
     """Add to the new displacement of a node the effect of its absent bonds that are shorter than initially."""
-    u, components, hardness = stage.src, stage.components, bonds.hardness
+    u, components, contact_stiffness = stage.src, stage.components, bonds.contact_stiffness
     apart = u.size // components
     for k in range(bonds.places.shape[0]):
         if is_set(bonds.closing, node, k) and not is_set(bonds.alive, node, k):
             offset, xi = bonds.places[k], bonds.table[k]
             other = node + offset[0]
-            e = strain_of(u, node, offset[0], xi, components, False) - strain_of_heat(bonds.warmth, node, other)
+            e = strain_of(u, node, offset[0], xi, components, False) - strain_of_heat(bonds.thermal_strain, node, other)
             if e < 0 and follows_law(bonds.zone, at[0] + offset[1], at[1] + offset[2], at[2] + offset[3]):
-                factor = bond_factor(rule, hardness[node], hardness[other]) if hardness.size > 1 else hardness[0]
+                factor = (
+                    bond_factor(rule, contact_stiffness[node], contact_stiffness[other])
+                    if contact_stiffness.size > 1
+                    else contact_stiffness[0]
+                )
                 for c in range(components):
                     stage.out[node + c * apart] += factor * xi[components + 1] * elongation(e, False) * xi[c]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def node_force(stage, node, bonds, springs, material, gather, scatter):
+def node_force(stage, node, bonds, bond_stencil, material, gradient_pass, divergence_pass):
     """Compute the new displacement of a node from its present bonds."""
-    u, states, columns = stage.src, gather.sweep.law.values, gather.columns
-    apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
-    weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
+    u, states, columns = stage.src, gradient_pass.sweep.law.values, gradient_pass.columns
+    apart, rows, distances = u.size // columns, divergence_pass.columns, gradient_pass.sweep.offsets
+    weights, pulls = divergence_pass.sweep.general[stage.part], bond_stencil.general[stage.part]
     for a in range(columns):
         at = node + a * apart
         total = stage.a_difference * u[at] + stage.b * stage.base[at]
@@ -265,15 +273,15 @@ def node_force(stage, node, bonds, springs, material, gather, scatter):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, what):
+def redo_damaged(thread, stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, what):
     """Recompute nodes that lack bonds, in tiles where some have broken or may close: first `STATES`, later `FORCES`;
     `STATES_AGAIN` only in tiles where some have just broken.
     """
-    zone, block, changed, alive = bonds.zone, springs.block, bonds.changed, bonds.alive
-    law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
+    zone, block, changed, alive = bonds.zone, bond_stencil.block, bonds.changed, bonds.alive
+    law, numbers = gradient_pass.sweep.law, gradient_pass.sweep.law.room[thread.number, 0]
     closes, forces = bonds.closing.size > 0, what == FORCES
-    high = _ROWS_3 if gather.columns == 3 else _ROWS_2
-    size = law.values.size // gather.rows
+    high = _ROWS_3 if gradient_pass.columns == 3 else _ROWS_2
+    size = law.values.size // gradient_pass.rows
     rows = changed.shape[1]
     # whole rows of tiles, because the losses of a row are added up in one place
     for number in range(thread.number, changed.shape[0] * rows, thread.threads):
@@ -294,15 +302,17 @@ def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, what)
                         continue
                     if forces:
                         if kind != CLOSES:
-                            node_force(stage, node, bonds, springs, material, gather, scatter)
+                            node_force(stage, node, bonds, bond_stencil, material, gradient_pass, divergence_pass)
                         if closes:
                             push_apart(stage, node, (i0, i1, i2), bonds, material.rule)
                         continue
                     if kind == JUST_CHANGED:
-                        weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, losses)
-                    sum_state(stage.src, node, alive, gather, numbers)
-                    law_of_node(law, node, numbers, gather.rows)
-                    for c in range(gather.rows):
+                        weigh_broken(
+                            stage, bonds, bond_stencil, material, gradient_pass, divergence_pass, node, numbers, losses
+                        )
+                    sum_state(stage.src, node, alive, gradient_pass, numbers)
+                    law_of_node(law, node, numbers, gradient_pass.rows)
+                    for c in range(gradient_pass.rows):
                         law.values[c * size + node] = numbers[_STATE + c]
             if not forces:
                 changed[i0, row, tile] = CHANGED

@@ -29,7 +29,7 @@ import numpy as np
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import fetch, move_masses
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 # limits where a step is too long: of the frequency, relative to the largest one of the scheme, and of the width
 _NEAR, _MOST = 0.98, 0.9
@@ -69,8 +69,8 @@ def springs_of(tuned: np.ndarray, dt: float) -> tuple[float, float]:
     frequency, width = tuned.tolist()
     place = min(frequency * dt / 2, _NEAR)
     # frequencies crowd at the largest one that a step carries: the band is made as wide as it is on the lattice
-    share = min(width * dt / (2 * np.sqrt(1 - place**2)), _MOST)
-    keep = (1 - share) / (1 + share)
+    chunk_of = min(width * dt / (2 * np.sqrt(1 - place**2)), _MOST)
+    keep = (1 - chunk_of) / (1 + chunk_of)
     return keep, 2 * (1 + keep) * place**2
 
 
@@ -190,7 +190,7 @@ def move_dampers(thread, stage, dampers):
     out, src, base = stage.out.ctypes.data, stage.src.ctypes.data, stage.base.ctypes.data
     states, strengths, kept = dampers.states.ctypes.data, dampers.strengths.ctypes.data, dampers.states.itemsize
     share_of_source = stage.out.dtype.type(0 if stage.increments else 1)
-    own = share(thread, runs.shape[0])
+    own = chunk_of(thread, runs.shape[0])
     for i in range(own[0], own[1]):
         node, strength, state, count, number = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3], runs[i, 4]
         # in layers along the last axis runs are short, and too far apart for the hardware prefetcher

@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon.engine.bonds import is_set
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 
 class Drag(NamedTuple):
@@ -56,7 +56,7 @@ def no_drag(real: np.dtype) -> Drag:
 @njit(error_model="numpy", cache=True, counted=False)
 def take_increments(thread, stage, drag):
     """Store the increment of each place in the last step."""
-    first, end = share(thread, drag.moved.size)
+    first, end = chunk_of(thread, drag.moved.size)
     for i in range(first, end):
         drag.moved[i] = stage.src[i] - stage.base[i]
     barrier(thread)
@@ -100,7 +100,7 @@ def _means(components, drag, place, pull):
 def drag_along(thread, stage, block, mobility, drag):
     """Add the effect of drag to a step, after everything else, and accumulate the loss."""
     apart, rate, pull = stage.src.size // stage.components, drag.rate[0], drag.room[thread.number]
-    own = share(thread, block[1] * block[2])
+    own = chunk_of(thread, block[1] * block[2])
     for row in range(own[0], own[1]):
         i0, i1 = row // block[2], row % block[2]
         place, taken = block[0] + i0 * block[4] + i1 * block[5], 0.0

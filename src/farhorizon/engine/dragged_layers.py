@@ -47,11 +47,11 @@ class DraggedLayers:
         )
         self.moved, self.beyond = aligned_zeros(engine.components * engine.layout.size, engine.dtype, 2)
 
-    def table(self, springs: Sweep) -> Pass:
+    def table(self, bond_stencil: Sweep) -> Pass:
         """Return the pass, on the box over which the springs are swept."""
-        none, dtype, tables = np.zeros(0, np.int64), springs.general.dtype, self.layer_tables
+        none, dtype, tables = np.zeros(0, np.int64), bond_stencil.general.dtype, self.layer_tables
         cuts, surface = Cuts(none, none, np.zeros(0, dtype)), no_surface(dtype)
-        return Pass(springs, tables.layers, cuts, surface, tables.columns, tables.rows)
+        return Pass(bond_stencil, tables.layers, cuts, surface, tables.columns, tables.rows)
 
     def without(self, nodes: np.ndarray, neighbours: np.ndarray) -> Layers:
         """Return the layers without some bonds, given by the places of their ends in a level."""

@@ -45,7 +45,7 @@ from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Inputs, Stage
-from farhorizon.engine.warm_layers import WarmLayers
+from farhorizon.engine.thermoelastic_layers import ThermoelasticLayers
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -179,7 +179,7 @@ class Engine:
     tables : Tables
         Tables of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them.
     passes : Passes or None
-    warm_layers : WarmLayers or None
+    thermoelastic_layers : ThermoelasticLayers or None
     dragged_layers : DraggedLayers or None
     layers_of_passes : list of LayerTables or None
         Layer tables of each pass, by the number of the pass; None for passes that do not exist.
@@ -192,9 +192,9 @@ class Engine:
     absent : AbsentBonds
     loop : callable or None
         Executes the table of operations in place of the compiled loop, see `tests/interpreter.py`.
-    seen : ndarray, shape (steps, n)
-        Values at the places of `watch` after each step of an `advance`; valid until the next one.
-    heard : ndarray, shape (steps, R)
+    node_values : ndarray, shape (steps, n)
+        Values at the places of `record_nodes` after each step of an `advance`; valid until the next one.
+    block_values : ndarray, shape (steps, R)
         Sums of `listen` after each of those steps.
     watch_stride : int
         Only the rows of both whose step is a multiple of it are filled.
@@ -242,9 +242,11 @@ class Engine:
         of_values = self.dtype, self.kept, self.remember, coefficient is None
         self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
         self.passes = None if sums is None else Passes(self, sums, recursion)
-        self.warm_layers = None if heat is None else WarmLayers(self, heat, recursion, coefficient is None)
+        self.thermoelastic_layers = (
+            None if heat is None else ThermoelasticLayers(self, heat, recursion, coefficient is None)
+        )
         self.dragged_layers = DraggedLayers(self, recursion) if dragged else None
-        passes, warm, drag = self.passes, self.warm_layers, self.dragged_layers
+        passes, warm, drag = self.passes, self.thermoelastic_layers, self.dragged_layers
         self.layers_of_passes: list[LayerTables | None] = [
             self.layer_tables,
             *((None, None) if passes is None else passes.layer_tables),
@@ -267,8 +269,8 @@ class Engine:
         self.exchange: Exchange | None = None
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
-        self.seen, self.heard = np.zeros((0, 0)), np.zeros((0, 0))
-        self.watch(np.zeros(0, np.int64))
+        self.node_values, self.block_values = np.zeros((0, 0)), np.zeros((0, 0))
+        self.record_nodes(np.zeros(0, np.int64))
         self.watch_stride = 1
         self.held_forces, self.forces_wanted = np.zeros((0, 0)), False
         self._repeats = Repeats()
@@ -392,17 +394,17 @@ class Engine:
             self.replace(ends=ends._replace(history=history))
 
     @property
-    def fringe_history(self) -> np.ndarray:
+    def outline_history(self) -> np.ndarray:
         """Values of the fringe's nodes one step ago, two steps ago and so on, shape (levels - 1, S); a view."""
-        return self.tables.fringe.history.T
+        return self.tables.outline_stencil.history.T
 
     @property
     def flows(self) -> np.ndarray:
         """Accumulated flows and their rounding errors, shape (2, count)."""
         return self.tables.flows.totals
 
-    def watch(self, places: np.ndarray) -> None:
-        """Record the values at places of a level, shape (n,), in `seen` after every step from now on."""
+    def record_nodes(self, places: np.ndarray) -> None:
+        """Record the values at places of a level, shape (n,), in `node_values` after every step from now on."""
         first = np.flatnonzero(np.diff(places, prepend=-2) != 1)  # places that do not directly follow the one before
         runs = places[first] % self.layout.size, places[first], first, np.diff(first, append=len(places))
         self._watched = np.stack(runs, axis=-1)[np.argsort(runs[0], kind="stable")]
@@ -539,7 +541,7 @@ class Engine:
         """
         self._lengthen_history(steps)
         nothing = self._no_inputs(steps)
-        self.seen, self.heard = nothing.seen, nothing.heard
+        self.node_values, self.block_values = nothing.node_values, nothing.block_values
         inputs = nothing._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
         if held_values is not None:
             inputs = inputs._replace(held_values=np.asarray(held_values, float))
@@ -580,7 +582,7 @@ class Engine:
         """Places of the memory that the forces of the displacements use: for each pass and layer its number, (axis,
         side), an array by component, number, and line, and the signs of the components; see `LayerTables.cells`.
         """
-        warm = () if self.warm_layers is None else self.warm_layers.layer_tables
+        warm = () if self.thermoelastic_layers is None else self.thermoelastic_layers.layer_tables
         of_the_solid = [tables for tables in self.all_layers if tables not in warm]
         found = [
             (number, key, tables.start + cells, signs)
@@ -593,8 +595,16 @@ class Engine:
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, exact ends, fringes, the filter and absent bonds."""
         tables = self.tables
-        parts = (tables.ends, tables.phases, tables.bonds, tables.fringe, tables.filter, tables.cuts, tables.surface)
-        states = tables.gather.sweep.law.values
+        parts = (
+            tables.ends,
+            tables.phases,
+            tables.bonds,
+            tables.outline_stencil,
+            tables.filter,
+            tables.cuts,
+            tables.surface,
+        )
+        states = tables.gradient_pass.sweep.law.values
         stretched = tables.stretches.keep, tables.stretches.gain, tables.stretches.own
         drag = tables.drag.moved, tables.drag.beyond
         held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched, *drag)
@@ -643,7 +653,9 @@ class _Prepared:
         springs, *beside = engine.layers_of_passes
         assert springs is not None
         found: dict[str, Any] = {"layers": _remembering(tables.layers, memory, springs.start)}
-        for name, one in zip(("gather", "scatter", "pushes", "traces", "neighbours"), beside, strict=True):
+        for name, one in zip(
+            ("gradient_pass", "divergence_pass", "pushes", "traces", "neighbours"), beside, strict=True
+        ):
             if one is not None:
                 sums = getattr(tables, name)
                 found[name] = sums._replace(layers=_remembering(sums.layers, memory, one.start))

@@ -40,7 +40,7 @@ class Field(Protocol):
     levels: np.ndarray
     tables: Tables
     passes: Any
-    warm_layers: Any
+    thermoelastic_layers: Any
     dragged_layers: Any
     all_layers: list[LayerTables]
     exchange: Exchange | None

@@ -29,7 +29,7 @@ from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
 from farhorizon.engine.rows.vectors import TOGETHER, fetch, take_passed, weigh_change
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 _PIECE = 256  # nodes of a run that one thread takes at a time
 _AHEAD = 8  # pieces between use and prefetch
@@ -465,7 +465,7 @@ def damp_short_waves(thread, stage, tables):
     places, weights, filtered = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data
     passes = 2 if tables.whole else 1
     subtracted = stage.out.dtype.type(0 if tables.whole else 1)
-    own = share(thread, runs.shape[0])
+    own = chunk_of(thread, runs.shape[0])
     # Pieces are weighed when they are needed, so that their values are still in the cache when they are filtered; those
     # that other threads meet come first, or all where the box has copies or is filtered in blocks.
     far = steps[0] * (taps.size - 1) + _PIECE

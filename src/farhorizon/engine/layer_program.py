@@ -65,7 +65,7 @@ from farhorizon.engine.rows.layer_sums import call_bands, call_crossing, call_mi
 from farhorizon.engine.rows.shifts import call_shifts
 from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, clear, fetch, turn
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 _TOGETHER = 128  # lines of a plane that are processed together
 _GOLDEN = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
@@ -149,7 +149,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
     clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
         clear(found + far, width * m * LINES, like)
-    own, dithered = share(thread, components * groups), dither(inputs.before + step)
+    own, dithered = chunk_of(thread, components * groups), dither(inputs.before + step)
     for item in range(own[0], own[1]):
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
@@ -228,7 +228,7 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
         # threads, as rounding depends on it.
         several = LINES // width if width <= LINES and not varied else 1
         each = (sizes[1] + several - 1) // several
-        own = share(thread, sizes[0] * each)
+        own = chunk_of(thread, sizes[0] * each)
         for group in range(own[0], own[1]):
             x, y = group // each, group % each * several
             together = min(several, sizes[1] - y)
@@ -268,7 +268,7 @@ def add_mirrored_bands(thread, stage, sums, tables, inputs, step, number):
     function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
     work[0] = stage.scale * layers.unit
     pieces = (lines + _TOGETHER - 1) // _TOGETHER
-    own = share(thread, planes * pieces)
+    own = chunk_of(thread, planes * pieces)
     for t in range(layers.tiles.shape[0]):
         side = layers.tiles[t, TILE_BAND]
         if side < 0:

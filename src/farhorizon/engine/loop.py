@@ -18,6 +18,7 @@ from farhorizon.engine.bonds import PHASES
 from farhorizon.engine.nested import COLUMNS, Layers, has_layers
 from farhorizon.engine.operations import (
     AHEAD,
+    BOND_STENCIL,
     BREAK,
     DAMAGED,
     FLOW_LAYERS,
@@ -26,7 +27,6 @@ from farhorizon.engine.operations import (
     NEIGHBOURS,
     PUSHES,
     RELEASE,
-    SPRINGS,
     STRETCH,
     STRETCH_FORCES,
     STRETCH_STATES,
@@ -49,7 +49,7 @@ _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
 # passes whose plain sums are made elsewhere, so that no sweep, at whose end threads meet, follows their lines
 _UNSWEPT = (TRACES, NEIGHBOURS)
 # passes whose bonds have coefficients
-_OF_BONDS = (SPRINGS, PUSHES, TRACES)
+_OF_BONDS = (BOND_STENCIL, PUSHES, TRACES)
 _COUNTED = ("general_rows", "general_matrix_rows")  # they create arrays
 
 Function = Callable[..., Any]
@@ -137,7 +137,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     table: Tables = tables.table
     program, size = load_program(), types.int64
     lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
-    used = sorted({which for operations in lists for _, _, which in operations} | {SPRINGS})
+    used = sorted({which for operations in lists for _, _, which in operations} | {BOND_STENCIL})
     split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
     swept = {which for operations in lists for operation, _, which in operations if operation in (SWEEP, AHEAD)}
     parts = {
@@ -191,21 +191,21 @@ def _does(
     program = load_program()
     if operation == FLOW_LAYERS:
         return [
-            (function, stage, SPRINGS, axis)
+            (function, stage, BOND_STENCIL, axis)
             for axis in range(3)
             if has_layers(layers, axis)
             for function, stage in (
                 (program.clear_inflow, _FLOWS),
                 *((function, _FLOWS) for function in _on_axis(layers, axis)),
-                (program.add_inflow, SPRINGS),
+                (program.add_inflow, BOND_STENCIL),
             )
         ]
     if operation == KEEP:
-        asked = zip((program.watch_last, program.hear_last), _keeps(tables, inputs), strict=True)
+        asked = zip((program.record_nodes_last, program.record_blocks_last), _keeps(tables, inputs), strict=True)
         return [(function, which, which, number) for function, there in asked if there]
     stage = which
     if operation in _OF_THE_FIELD:
-        stage, which = SPRINGS, SPRINGS
+        stage, which = BOND_STENCIL, BOND_STENCIL
     return [(program.OPERATIONS[operation], stage, which, number)]
 
 
@@ -232,11 +232,11 @@ def _on_parts(
         whole, ahead, rest = program.bonds_part, program.bonds_ahead, program.bonds_rest
     else:
         whole, ahead, rest = program.stencil_part, program.stencil_ahead, program.stencil_rest
-    watched, heard = _keeps(tables, inputs)
+    recorded_nodes, block_values = _keeps(tables, inputs)
     found = [
         (program.release_part, one.surface.stretches.size),
-        (program.watch_part, which == SPRINGS and watched),
-        (program.hear_part, which == SPRINGS and heard),
+        (program.record_nodes_part, which == BOND_STENCIL and recorded_nodes),
+        (program.record_blocks_part, which == BOND_STENCIL and block_values),
         (program.law_part, one.sweep.law.values.size),
     ]
     after = [function for function, there in found if there]
@@ -261,7 +261,7 @@ def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
 
 def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
     """Whether anything is watched, and whether anything is heard."""
-    return bool(inputs.watched.size), bool(tables.listening.rows.size)
+    return bool(inputs.recorded_nodes.size), bool(tables.block_sums.rows.size)
 
 
 def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
@@ -271,7 +271,7 @@ def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which in _OF_BONDS else alike
     liquid = alike if everywhere.rule == PHASES else material
-    media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
+    media = tables.media if which == BOND_STENCIL else one_medium(tables.numbers.dtype)
     room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
     free = tables.free if ahead else np.zeros_like(tables.free)
     return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free), beside=struct)
@@ -285,15 +285,18 @@ def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool,
     src, base, out = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
     none, one = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
-    states, inflow, n = tables.gather.sweep.law.values, tables.flows.inflow, tables.components
+    states, inflow, n = tables.gradient_pass.sweep.law.values, tables.flows.inflow, tables.components
     heat, drag = tables.heat, tables.drag
     pushed, traced = (tables.pushes.columns, tables.pushes.rows), (tables.traces.columns, tables.traces.rows)
-    read, made = (tables.gather.columns, tables.gather.rows), (tables.scatter.columns, tables.scatter.rows)
+    read, made = (
+        (tables.gradient_pass.columns, tables.gradient_pass.rows),
+        (tables.divergence_pass.columns, tables.divergence_pass.rows),
+    )
     stages = (
         Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
         Stage(src, states, states, part, none, none, none, one, False, *read, backward),
         Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
-        Stage(heat.warmth, out, out, part, none, none, one, scale, False, *pushed, backward),
+        Stage(heat.thermal_strain, out, out, part, none, none, one, scale, False, *pushed, backward),
         Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
         Stage(drag.moved, drag.beyond, drag.beyond, part, none, none, none, one, False, n, n, backward),
         Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),

@@ -19,25 +19,25 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
-from farhorizon.engine.fringe import Fringe
 from farhorizon.engine.layout import HALOS
 from farhorizon.engine.nested import Layers, has_layers
+from farhorizon.engine.outline_stencil import OutlineStencil
 from farhorizon.engine.phases import Phases
 from farhorizon.engine.rows.exchanges import USED
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import (
+    BlockSums,
     Cuts,
     Damping,
     Dependents,
     Flows,
     Inputs,
-    Listening,
     Material,
     Media,
     Surface,
     Sweep,
 )
-from farhorizon.engine.warmth import Warmth, no_heat
+from farhorizon.engine.thermal_strain import ThermalStrains, no_heat
 
 COPY = 0  # the halo copies what lies across periodic axes
 DAMP_OLD = 1  # an absorbing zone damps the increment of the last step
@@ -46,7 +46,7 @@ SWEEP = 3  # out = a*src + b*base + scale*L(src), with plain shifts
 CUT = 4  # contributions of absent bonds are subtracted
 STRETCH = 5  # the layers along an axis add the difference between stretched and plain shifts
 ENDS = 6  # exact ends
-FEED = 7  # sources
+ADD_SOURCES = 7  # sources
 DAMP_NEW = 8  # an absorbing zone damps the increment of this step
 FILTER = 9  # layers damp short waves
 HOLD = 10  # nodes with prescribed values are set
@@ -78,7 +78,7 @@ MOVED = 34  # increments of the last step are stored for drag
 
 # Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
 # through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
-SPRINGS, GATHER, SCATTER, PUSHES, TRACES, NEIGHBOURS = range(6)
+BOND_STENCIL, GRADIENT, DIVERGENCE, PUSHES, TRACES, NEIGHBOURS = range(6)
 
 
 class Pass(NamedTuple):
@@ -158,37 +158,37 @@ class Tables(NamedTuple):
     ends: Ends
     dependents: Dependents
     flows: Flows
-    fringe: Fringe
+    outline_stencil: OutlineStencil
     filter: Filter
     dampers: Dampers
-    listening: Listening
-    gather: Pass
-    scatter: Pass
+    block_sums: BlockSums
+    gradient_pass: Pass
+    divergence_pass: Pass
     pushes: Pass
     traces: Pass
     neighbours: Pass
     stretches: Stretches
     drag: Drag
-    heat: Warmth
+    heat: ThermalStrains
 
 
 class Asked(NamedTuple):
     """The inputs that there are: on them, and on the tables, the operations of a step depend."""
 
-    fed: bool
+    has_sources: bool
     held: bool
-    watched: bool
+    recorded_nodes: bool
 
 
 def asked_by(inputs: Inputs) -> Asked:
     """Return which inputs there are."""
-    return Asked(len(inputs.source_fields) > 0, inputs.held.size > 0, inputs.watched.size > 0)
+    return Asked(len(inputs.source_fields) > 0, inputs.held.size > 0, inputs.recorded_nodes.size > 0)
 
 
 def operations_of(tables: Tables, asked: Asked) -> tuple[np.ndarray, np.ndarray]:
     """Return the operations of a step: `operations` and `starts` for tables that lack them."""
     lists = [_stage(tables, asked, stage) for stage in range(len(tables.numbers))]
-    kept = asked.watched or tables.listening.rows.size
+    kept = asked.recorded_nodes or tables.block_sums.rows.size
     lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept), (WARM, tables.heat.rate.size))
     starts = np.cumsum([0, *map(len, lists)])
     return table_of(itertools.chain(*lists)), starts
@@ -204,18 +204,18 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     return (
         _chosen((DAMP_OLD, damped))
         + operator_operations(tables, melting=stage == 0)
-        + _chosen((ENDS, len(tables.ends.nodes)), (FEED, asked.fed), (INERTIA, tables.mobility.size))
+        + _chosen((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
         + _drag_operations(tables)
         + _chosen(
             (DAMP_NEW, damped),
             (FILTER, tables.filter.runs.size),
             (DAMPERS, tables.dampers.runs.size),
             (HOLD, asked.held),
-            (WORK, asked.fed and tables.work.size),
+            (WORK, asked.has_sources and tables.work.size),
             (FLOW_LAYERS, flows and tables.flows.inflow.size),
             (FLOW, flows and tables.flows.accounts.size),
             (DEPEND, tables.dependents.nodes.size),
-            (FRINGE, tables.fringe.nodes.size),
+            (FRINGE, tables.outline_stencil.nodes.size),
         )
     )
 
@@ -227,21 +227,21 @@ def operator_operations(tables: Tables, melting: bool = False, breaking: bool = 
     breaks, by_energy = not tables.bonds.forces, len(tables.bonds.released) > 0
     may_break = breaking and breaks and np.isfinite(tables.bonds.limit[0])
     before = _chosen((MELT, melting and len(tables.phases.halo)))
-    before += _chosen((BREAK, may_break and not by_energy), number=GATHER)
+    before += _chosen((BREAK, may_break and not by_energy), number=GRADIENT)
     # In all stages or in none: the sweep reads the phases of the halo, and may overwrite one of the two levels by which
     # bonds break.
     ahead = not (breaks or len(tables.phases.halo))
-    found = _sums(tables, SPRINGS, halo=True, ahead=ahead, before=before)
-    if tables.gather.sweep.law.values.size:
+    found = _sums(tables, BOND_STENCIL, halo=True, ahead=ahead, before=before)
+    if tables.gradient_pass.sweep.law.values.size:
         stretched = tables.stretches.runs.size
-        found += _sums(tables, GATHER) + _chosen((STRETCH_STATES, stretched), number=GATHER)
-        found += _chosen((LAW, _later(tables.gather)), number=GATHER) + [(DAMAGED, STATES, GATHER)] * breaks
+        found += _sums(tables, GRADIENT) + _chosen((STRETCH_STATES, stretched), number=GRADIENT)
+        found += _chosen((LAW, _later(tables.gradient_pass)), number=GRADIENT) + [(DAMAGED, STATES, GRADIENT)] * breaks
         if may_break and by_energy:
-            found += _chosen((COPY, tables.copies.size), number=SCATTER)
-            found += _exchanged(tables, SCATTER, [LEVEL], lines=[], ahead=False)
-            found += [(RELEASE, 0, GATHER), (DAMAGED, STATES_AGAIN, GATHER)]
-        found += _sums(tables, SCATTER, halo=True, ahead=True)
-        found += _chosen((STRETCH_FORCES, stretched), number=SCATTER) + [(DAMAGED, FORCES, SCATTER)] * breaks
+            found += _chosen((COPY, tables.copies.size), number=DIVERGENCE)
+            found += _exchanged(tables, DIVERGENCE, [LEVEL], lines=[], ahead=False)
+            found += [(RELEASE, 0, GRADIENT), (DAMAGED, STATES_AGAIN, GRADIENT)]
+        found += _sums(tables, DIVERGENCE, halo=True, ahead=True)
+        found += _chosen((STRETCH_FORCES, stretched), number=DIVERGENCE) + [(DAMAGED, FORCES, DIVERGENCE)] * breaks
     found += _chosen((HEAT, tables.heat.vectors.size))
     return found + (_in_layers(tables, PUSHES, [(HEAT_BEYOND, 0, PUSHES)]) if tables.heat.beyond.size else [])
 
@@ -257,9 +257,9 @@ def _drag_operations(tables: Tables) -> list[Operation]:
         return []
     layers = tables.neighbours.layers
     lines = _chosen((LINES, has_layers(layers, 2)), number=NEIGHBOURS)
-    found = [(MOVED, 0, SPRINGS), *_exchanged(tables, NEIGHBOURS, [SLOTS + NEIGHBOURS], lines, ahead=False)]
+    found = [(MOVED, 0, BOND_STENCIL), *_exchanged(tables, NEIGHBOURS, [SLOTS + NEIGHBOURS], lines, ahead=False)]
     found += [(STRETCH, axis, NEIGHBOURS) for axis in (2, 1, 0) if has_layers(layers, axis)]
-    return [*found, (DRAG, 0, SPRINGS)]
+    return [*found, (DRAG, 0, BOND_STENCIL)]
 
 
 def _in_layers(tables: Tables, number: int, plain: list[Operation]) -> list[Operation]:
@@ -270,11 +270,11 @@ def _in_layers(tables: Tables, number: int, plain: list[Operation]) -> list[Oper
 
 def pass_of(tables: Tables, number: int) -> Pass:
     """Return the sums of a pass."""
-    if number == SPRINGS:
+    if number == BOND_STENCIL:
         n = tables.components
         return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
-    beside = tables.gather, tables.scatter, tables.pushes, tables.traces, tables.neighbours
-    return beside[number - GATHER]
+    beside = tables.gradient_pass, tables.divergence_pass, tables.pushes, tables.traces, tables.neighbours
+    return beside[number - GRADIENT]
 
 
 def _sums(
@@ -343,7 +343,7 @@ def sweep_operations(tables: Tables) -> list[Operation]:
     return [
         one
         for one in operator_operations(tables, breaking=False)
-        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT, HEAT_BEYOND) or (one[2] == SCATTER and _fills_level(*one[:2]))
+        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT, HEAT_BEYOND) or (one[2] == DIVERGENCE and _fills_level(*one[:2]))
     ]
 
 
@@ -354,13 +354,13 @@ def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
     return [
         one
         for one in sweep_operations(tables)
-        if one[2] == GATHER or (halo and one[2] == SCATTER and _fills_level(*one[:2]))
+        if one[2] == GRADIENT or (halo and one[2] == DIVERGENCE and _fills_level(*one[:2]))
     ]
 
 
 def layered_states(tables: Tables) -> list[Operation]:
     """Operations that compute the states of nodes, layers included, for a level whose halo is filled."""
-    return [one for one in operator_operations(tables, breaking=False) if one[2] == GATHER]
+    return [one for one in operator_operations(tables, breaking=False) if one[2] == GRADIENT]
 
 
 def _fills_level(operation: int, number: int) -> bool:
@@ -380,12 +380,14 @@ def once(tables: Tables, operations: list[Operation], numbers: np.ndarray) -> Ta
 
 def without_heat(tables: Tables) -> Tables:
     """Return the same tables without thermal strains, so that the operator is linear."""
-    if not tables.heat.warmth.size:
+    if not tables.heat.thermal_strain.size:
         return tables
-    law = tables.gather.sweep.law
-    gather = tables.gather._replace(sweep=tables.gather.sweep._replace(law=law._replace(warmth=law.warmth[:0])))
-    bonds = tables.bonds._replace(warmth=np.zeros_like(tables.bonds.warmth))
-    return tables._replace(heat=no_heat(law.values.dtype), bonds=bonds, gather=gather)
+    law = tables.gradient_pass.sweep.law
+    gradient_pass = tables.gradient_pass._replace(
+        sweep=tables.gradient_pass.sweep._replace(law=law._replace(thermal_strain=law.thermal_strain[:0]))
+    )
+    bonds = tables.bonds._replace(thermal_strain=np.zeros_like(tables.bonds.thermal_strain))
+    return tables._replace(heat=no_heat(law.values.dtype), bonds=bonds, gradient_pass=gradient_pass)
 
 
 def without_contact(tables: Tables) -> Tables:
@@ -395,13 +397,13 @@ def without_contact(tables: Tables) -> Tables:
     return tables._replace(bonds=tables.bonds._replace(closing=tables.bonds.closing[:0]))
 
 
-def _later(gather: Pass) -> bool:
+def _later(gradient_pass: Pass) -> bool:
     """Whether some states are complete only after all sums have been computed."""
-    law, nodes = gather.sweep.law, gather.sweep.block[1:4]
+    law, nodes = gradient_pass.sweep.law, gradient_pass.sweep.block[1:4]
     return bool((law.first > 0).any() or (law.end < nodes).any())
 
 
-def _chosen(*wanted: tuple[int, int], number: int = SPRINGS) -> list[Operation]:
+def _chosen(*wanted: tuple[int, int], number: int = BOND_STENCIL) -> list[Operation]:
     """Operations of those pairs (operation, whether there is anything to do) that have something to do."""
     return [(operation, 0, number) for operation, there in wanted if there]
 

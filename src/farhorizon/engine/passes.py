@@ -27,7 +27,7 @@ from farhorizon.engine.point_law import CHUNK, LawRows, PointLaw
 from farhorizon.engine.rows.build import load_map
 from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
 from farhorizon.engine.rows.matrices import Signs, signs_of
-from farhorizon.engine.shape_tensors import firmness
+from farhorizon.engine.shape_tensors import harmonic_eigenvalue
 from farhorizon.engine.stretches import Stretches, no_stretches, stretches_of, without_bonds
 from farhorizon.engine.surface import no_surface, surface_of
 from farhorizon.engine.surface_laws import law_rows
@@ -122,7 +122,7 @@ class Passes:
         """Return the stretches together with work space for the threads."""
         return self.stretches._replace(room=np.zeros((self.engine.threads, CHUNK), self.dtype))
 
-    def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
+    def tables(self, bond_stencil: Sweep) -> tuple[Pass, Pass]:
         """Return the tables of both passes with all bonds; the box is divided as for the sweep of the springs."""
         none, found = np.zeros(0, np.int64), []
         for number, (weights, signs) in enumerate(zip(self.weights, self.signs, strict=True)):
@@ -130,7 +130,7 @@ class Passes:
             blocks = self.engine.components if equal_blocks(weights, self.engine.components) else 1
             function, row = self._compiled(weights, signs, blocks, ("sum", "add")[number])
             scale = self.scales[number][:, None]
-            sweep = springs._replace(
+            sweep = bond_stencil._replace(
                 block=self.layout.table(columns // blocks, rows // blocks),
                 function=function,
                 blocks=blocks,
@@ -174,11 +174,14 @@ class Passes:
         """
         missing = _MissingBonds.of(self, nodes, neighbours, bare_nodes, bare, exists)
         shapes, left = self._shapes_beside(missing)
-        gather, scatter = self._cut_passes(missing)
-        law = self._law_beside(gather.sweep.law, missing, shapes, left)
-        self.engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)), scatter=scatter)
+        gradient_pass, divergence_pass = self._cut_passes(missing)
+        law = self._law_beside(gradient_pass.sweep.law, missing, shapes, left)
+        self.engine.replace(
+            gradient_pass=gradient_pass._replace(sweep=gradient_pass.sweep._replace(law=law)),
+            divergence_pass=divergence_pass,
+        )
         if len(self.engine.tables.bonds.released):
-            self._spread_firmness(law)
+            self._spread_harmonic_eigenvalue(law)
         if self.engine.tables.stretches.runs.size:
             self._cut_stretches(missing, shapes)
 
@@ -191,7 +194,7 @@ class Passes:
     def _cut_passes(self, missing: _MissingBonds) -> tuple[Pass, Pass]:
         """Return both passes without these bonds."""
         engine, there, found = self.engine.tables, missing.there, []
-        both = zip((engine.gather, engine.scatter), self.weights, self.layer_tables, strict=True)
+        both = zip((engine.gradient_pass, engine.divergence_pass), self.weights, self.layer_tables, strict=True)
         for number, (given, weights, tables) in enumerate(both):
             bare, cut = missing.sums(weights)
             own, of_cut = bare if number == 0 else -bare - 2 * cut, weights[missing.bonds]
@@ -199,48 +202,49 @@ class Passes:
                 given._replace(
                     cuts=Cuts(missing.nodes, missing.neighbours, of_cut.astype(self.dtype).ravel()),
                     layers=cut_layers(tables, missing.nodes, missing.neighbours, of_cut),
-                    surface=surface_of(self.layout.box, missing.odd[there], own[there].astype(self.dtype)),
+                    surface=surface_of(self.layout.box, missing.deficient[there], own[there].astype(self.dtype)),
                 )
             )
         return found[0], found[1]
 
     def _law_beside(self, law: PointLaw, missing: _MissingBonds, shapes: np.ndarray, left: np.ndarray) -> PointLaw:
         """Return the law with matrices of nodes that lack bonds, one for all nodes with the same tensors and moduli."""
-        dim, odd, there = shapes.shape[1], missing.odd, missing.there
+        dim, deficient, there = shapes.shape[1], missing.deficient, missing.there
         tensors = [one[there].round(14).reshape(-1, dim * dim) for one in (shapes, left)]
-        kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(odd[there])]), axis=0, return_inverse=True)
+        kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(deficient[there])]), axis=0, return_inverse=True)
         nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
         of_law, present = kinds[:, :-3].reshape(-1, 2, dim, dim).swapaxes(0, 1)
         matrices = np.concatenate([nothing, self.sums.law(of_law, kinds[:, -3:])]).astype(self.dtype)
-        of_node = np.zeros(len(odd), np.int64)
+        of_node = np.zeros(len(deficient), np.int64)
         of_node[there] = 1 + numbers.ravel()
-        rows = law_rows(self.layout.box, odd, of_node, matrices)
+        rows = law_rows(self.layout.box, deficient, of_node, matrices)
         first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(missing.nodes) else self._whole()
         return law._replace(
-            nodes=odd.astype(np.int64),
+            nodes=deficient.astype(np.int64),
             numbers=of_node,
             matrices=rows.weights[: matrices.size].reshape(matrices.shape),
             rows=rows,
-            firmness=(not self.sums.unweakened) * np.append(1.0, firmness(of_law)).astype(self.dtype),
+            harmonic_eigenvalue=(not self.sums.unweakened)
+            * np.append(1.0, harmonic_eigenvalue(of_law)).astype(self.dtype),
             first=first,
             end=end,
             units=np.vstack([nothing[0, :1], self._units(present)]).astype(self.dtype),
         )
 
-    def _spread_firmness(self, law: PointLaw) -> None:
+    def _spread_harmonic_eigenvalue(self, law: PointLaw) -> None:
         """Set the firmness of the ends of bonds that break by their energy."""
         firm = np.ones(self.layout.size)
-        firm[law.nodes] = law.firmness[law.numbers]
+        firm[law.nodes] = law.harmonic_eigenvalue[law.numbers]
         firm = self.engine.spread(firm[self.layout.near.node_indices()], jointly=True)
-        self.engine.replace(bonds=self.engine.tables.bonds._replace(firmness=firm))
+        self.engine.replace(bonds=self.engine.tables.bonds._replace(harmonic_eigenvalue=firm))
 
     def _cut_stretches(self, missing: _MissingBonds, shapes: np.ndarray) -> None:
         """Remove the missing bonds from the stretched derivatives."""
-        stretches, odd, dim = self.engine.tables.stretches, missing.odd, shapes.shape[1]
-        vectors = np.zeros((len(odd) + 1, dim))
+        stretches, deficient, dim = self.engine.tables.stretches, missing.deficient, shapes.shape[1]
+        vectors = np.zeros((len(deficient) + 1, dim))
         vectors[:-1] = sum(missing.sums(self.sums.divergence[:, 0, :dim]))
-        lacking = np.isin(stretches.places, odd)
-        at = np.where(lacking, np.searchsorted(odd, stretches.places), len(odd))
+        lacking = np.isin(stretches.places, deficient)
+        at = np.where(lacking, np.searchsorted(deficient, stretches.places), len(deficient))
         _check_straight(shapes[at[lacking & missing.exists[stretches.places]]])
         cut = missing.nodes, missing.neighbours, missing.bonds
         self.engine.replace(stretches=without_bonds(stretches, vectors[at].T, *cut))
@@ -307,18 +311,20 @@ class Passes:
         """Energy of each place, per unit mass of a node, if nodes with thermal strains are held at zero displacement;
         the current states must be those of such nodes.
         """
-        engine, law, bonds = self.engine, self.engine.tables.gather.sweep.law, self.engine.tables.bonds
+        engine, law, bonds = self.engine, self.engine.tables.gradient_pass.sweep.law, self.engine.tables.bonds
         found, dim = np.zeros(self.layout.size), self.sums.shapes.shape[1]
         nodes = self.layout.box.node_indices().ravel()
-        warmth, shapes = law.warmth.astype(float), np.zeros((len(nodes), dim, dim))
+        thermal_strain, shapes = law.thermal_strain.astype(float), np.zeros((len(nodes), dim, dim))
         for k, distance in enumerate(bonds.places[:, 0]):
             there = bonds.alive[k >> 6, nodes] >> np.uint64(k & 63) & np.uint64(1) != 0
             shapes += there[:, None, None] * self.sums.shapes[k]
             factors = factors_of(engine.tables.material, nodes, nodes + distance)
             spring = law.arms[k] @ engine.weights[k] @ law.arms[k]
-            found[nodes] += there * factors * spring * (warmth[nodes] + warmth[nodes + distance]) ** 2 / 16
+            found[nodes] += (
+                there * factors * spring * (thermal_strain[nodes] + thermal_strain[nodes + distance]) ** 2 / 16
+            )
         states = law.values.reshape(len(self.sums.signs), -1)[:, nodes]
-        strained = float(law.spacing) * warmth[nodes, None] * self._units(shapes)
+        strained = float(law.spacing) * thermal_strain[nodes, None] * self._units(shapes)
         found[nodes] -= self._unit * (states.T * strained).sum(1) / 2
         return found
 
@@ -339,17 +345,17 @@ class Passes:
         tables = self.engine.tables
         operations = layered_states(tables) if layered else state_operations(tables, halo)
         self.engine.operate(level, operations, apart=layered, cold=cold, again=True)
-        return tables.gather.sweep.law.values
+        return tables.gradient_pass.sweep.law.values
 
     def units_of_bonds(self) -> np.ndarray:
         """Contribution of each bond to the state of a unit strain in all directions, shape (K, n), times the factor of
         a state in the energy.
         """
-        return self._unit * float(self.engine.tables.gather.sweep.law.spacing) * self._units(self.sums.shapes)
+        return self._unit * float(self.engine.tables.gradient_pass.sweep.law.spacing) * self._units(self.sums.shapes)
 
     def moduli_at(self, nodes: np.ndarray) -> np.ndarray:
         """Moduli of some nodes in the law, shape (S, 3)."""
-        law = self.engine.tables.gather.sweep.law
+        law = self.engine.tables.gradient_pass.sweep.law
         return law.local[:, nodes].T if law.local.size else np.tile(law.moduli, (len(nodes), 1))
 
 
@@ -361,12 +367,12 @@ class _MissingBonds:
     ----------
     nodes, neighbours, bonds : ndarray of int, shape (n,)
         Ends of bonds that are cut, one entry per direction, and their numbers in the stencil.
-    odd : ndarray of int, shape (N,)
+    deficient : ndarray of int, shape (N,)
         Nodes that lack bonds, ascending.
     at : ndarray of int, shape (n,)
-        Indices in `odd` of the first ends of cut bonds.
+        Indices in `deficient` of the first ends of cut bonds.
     beside : ndarray of int, shape (S,)
-        Indices in `odd` of the nodes with bonds of which only one end exists.
+        Indices in `deficient` of the nodes with bonds of which only one end exists.
     bare : ndarray of bool, shape (K, S)
         For each of the latter, which bonds these are.
     exists : ndarray of bool, shape (places,)
@@ -375,7 +381,7 @@ class _MissingBonds:
     nodes: np.ndarray
     neighbours: np.ndarray
     bonds: np.ndarray
-    odd: np.ndarray
+    deficient: np.ndarray
     at: np.ndarray
     beside: np.ndarray
     bare: np.ndarray
@@ -395,20 +401,20 @@ class _MissingBonds:
         distances = passes.offsets @ np.array(passes.layout.box.stride)
         order = np.argsort(distances)
         bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
-        odd = np.union1d(nodes, bare_nodes)
-        at, beside = np.searchsorted(odd, nodes), np.searchsorted(odd, bare_nodes)
-        return cls(nodes, neighbours, bonds, odd, at, beside, bare, exists)
+        deficient = np.union1d(nodes, bare_nodes)
+        at, beside = np.searchsorted(deficient, nodes), np.searchsorted(deficient, bare_nodes)
+        return cls(nodes, neighbours, bonds, deficient, at, beside, bare, exists)
 
     @property
     def there(self) -> np.ndarray:
-        """Which of the nodes `odd` exist."""
-        return np.asarray(self.exists[self.odd])
+        """Which of the nodes `deficient` exist."""
+        return np.asarray(self.exists[self.deficient])
 
     def sums(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sums of the weights, over the bonds of each node whose other end does not exist, and over those that are
         cut.
         """
-        bare, cut = (np.zeros((len(self.odd), *weights.shape[1:])) for _ in range(2))
+        bare, cut = (np.zeros((len(self.deficient), *weights.shape[1:])) for _ in range(2))
         bare[self.beside] = np.einsum("ks,k...->s...", self.bare, weights)
         np.add.at(cut, self.at, weights[self.bonds])
         return bare, cut

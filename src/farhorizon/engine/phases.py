@@ -18,7 +18,7 @@ import numpy as np
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, any_below
-from farhorizon.engine.threads import ALONE, add, share
+from farhorizon.engine.threads import ALONE, add, chunk_of
 
 LIQUID, MIXED, SOLID = 0, 1, 2
 #: Step of dissolution of a node that is still solid.
@@ -123,7 +123,7 @@ def find_runs(thread, phases):
     """Find the runs of the rows of tiles that have changed; one thread's share."""
     solids, volumes, changed, runs = phases.solids, phases.volumes, phases.changed, phases.runs
     rows, tiles = solids.shape
-    first, last = share(thread, rows)
+    first, last = chunk_of(thread, rows)
     for row in range(first, last):
         if not changed[row]:
             continue

@@ -44,8 +44,8 @@ def pieces_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> d
         found[name] = Piece(engine.memory, places, axes)
     for word, bits in enumerate(engine.bonds.table.alive):
         found[f"bonds/{word}"] = Piece(bits, every[0], (0, 1, 2))
-    for bond, shares in enumerate(engine.bonds.table.shares):
-        found[f"shares/{bond}"] = Piece(shares, every[0], (0, 1, 2))
+    for bond, residual_stiffness in enumerate(engine.bonds.table.residual_stiffness):
+        found[f"shares/{bond}"] = Piece(residual_stiffness, every[0], (0, 1, 2))
     if engine.tables.phases.dissolved.size:
         found["dissolved"] = Piece(engine.tables.phases.dissolved, every[0], (0, 1, 2))
     return found

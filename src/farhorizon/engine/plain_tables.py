@@ -9,16 +9,16 @@ from farhorizon.engine.drag import no_drag
 from farhorizon.engine.ends import ends_table
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import Filter, filter_tables
-from farhorizon.engine.fringe import no_fringe
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, Tables
+from farhorizon.engine.outline_stencil import no_outline
 from farhorizon.engine.passes import no_law
 from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows, equal_blocks
 from farhorizon.engine.stretches import no_stretches
 from farhorizon.engine.surface import no_surface
-from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Sweep, no_flows, one_medium
-from farhorizon.engine.warmth import no_heat
+from farhorizon.engine.tables import BlockSums, Cuts, Damping, Dependents, Material, Sweep, no_flows, one_medium
+from farhorizon.engine.thermal_strain import no_heat
 
 _SECOND_CACHE = 600_000  # bytes of the second-level cache that a part of the box may occupy
 
@@ -31,9 +31,15 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
     sweep, layers = _sweep(engine, heterogeneous), engine.layer_tables.layers
     cuts = Cuts(none, none, nothing)
     surface = no_surface(engine.dtype)
-    springs = Pass(sweep, layers, cuts, surface, engine.components, engine.components)
-    gather, scatter = (springs, springs) if engine.passes is None else engine.passes.tables(sweep)
-    pushes, traces = (springs, springs) if engine.warm_layers is None else engine.warm_layers.tables(sweep)
+    bond_stencil = Pass(sweep, layers, cuts, surface, engine.components, engine.components)
+    gradient_pass, divergence_pass = (
+        (bond_stencil, bond_stencil) if engine.passes is None else engine.passes.tables(sweep)
+    )
+    pushes, traces = (
+        (bond_stencil, bond_stencil)
+        if engine.thermoelastic_layers is None
+        else engine.thermoelastic_layers.tables(sweep)
+    )
     return Tables(
         operations=np.zeros((0, 3), np.int64),
         starts=np.zeros(len(numbers) + 1, np.int64),
@@ -59,15 +65,15 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         ends=ends_table(np.zeros((0, 0), np.int64), 1.0),
         dependents=Dependents(none, np.zeros(1, np.int64), none, nothing),
         flows=no_flows(len(numbers), engine.dtype),
-        fringe=no_fringe(),
+        outline_stencil=no_outline(),
         filter=_filter(engine),
         dampers=engine.dampers.tables(engine.memory, engine.dtype),
-        listening=Listening(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
-        gather=gather,
-        scatter=scatter,
+        block_sums=BlockSums(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
+        gradient_pass=gradient_pass,
+        divergence_pass=divergence_pass,
         pushes=pushes,
         traces=traces,
-        neighbours=springs if engine.dragged_layers is None else engine.dragged_layers.table(sweep),
+        neighbours=bond_stencil if engine.dragged_layers is None else engine.dragged_layers.table(sweep),
         stretches=no_stretches(engine.dtype) if engine.passes is None else engine.passes.stretch_tables(),
         drag=no_drag(engine.dtype),
         heat=no_heat(engine.dtype),

@@ -56,10 +56,10 @@ class PointLaw(NamedTuple):
     matrices : ndarray, shape (m, n, n)
     rows : LawRows
         The same nodes, row by row.
-    firmness : ndarray, shape (m,)
-        Firmness of the shape tensors to which the matrices belong, see `farhorizon.engine.shape_tensors.firmness`; the
-        first, that of places without a node, is 1, and so is that of all other nodes. Zeros if nodes bear all of their
-        stress down to the last of their bonds.
+    harmonic_eigenvalue : ndarray, shape (m,)
+        Firmness of the shape tensors to which the matrices belong, see
+        `farhorizon.engine.shape_tensors.harmonic_eigenvalue`; the first, that of places without a node, is 1, and so is
+        that of all other nodes. Zeros if nodes bear all of their stress down to the last of their bonds.
     moduli : ndarray, shape (3,)
         Lame's constant, the shear modulus and the stabilisation, from which the matrices are computed.
     local : ndarray, shape (3, places)
@@ -74,8 +74,8 @@ class PointLaw(NamedTuple):
         Box of nodes whose states are complete once they are swept: no layer adds to them, and no bond is cut.
     room : ndarray, shape (threads, n, CHUNK)
         Work space.
-    warmth : ndarray, shape (places,), or empty
-        Thermal strain, to which no force responds; see `engine.warmth`.
+    thermal_strain : ndarray, shape (places,), or empty
+        Thermal strain, to which no force responds; see `engine.thermal_strain`.
     spacing : float
         Distance between nodes, by which a unit strain is converted into displacements.
     unit, units : ndarray, shapes (n,), (m, n)
@@ -92,7 +92,7 @@ class PointLaw(NamedTuple):
     numbers: np.ndarray
     matrices: np.ndarray
     rows: LawRows
-    firmness: np.ndarray
+    harmonic_eigenvalue: np.ndarray
     moduli: np.ndarray
     local: np.ndarray
     bases: np.ndarray
@@ -101,7 +101,7 @@ class PointLaw(NamedTuple):
     first: np.ndarray
     end: np.ndarray
     room: np.ndarray
-    warmth: np.ndarray
+    thermal_strain: np.ndarray
     spacing: float
     unit: np.ndarray
     units: np.ndarray
@@ -152,14 +152,14 @@ def leave_out_heat(law, start, n, number):
         strained = law.spacing * (law.unit[row] if number < 0 else law.units[number, row])
         if strained != 0:
             for i in range(start, start + n):
-                values[row * size + i] -= strained * law.warmth[i]
+                values[row * size + i] -= strained * law.thermal_strain[i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def apply_whole(thread, law, first, last):
     """Apply the law to neighbours with all their bonds, from the place `first` on, before `last`; in place."""
     values, intact, size = law.values, law.intact, law.values.itemsize
-    if law.warmth.size and first < last:
+    if law.thermal_strain.size and first < last:
         leave_out_heat(law, first, last - first, -1)
     if law.local.size:
         for start in range(first, last, CHUNK):
@@ -182,7 +182,7 @@ def apply_law(thread, law, row, origin, first, last):
         if begin < end:
             apply_whole(thread, law, origin + start, origin + begin)
             at, on = origin + begin, begin - place
-            if law.warmth.size:
+            if law.thermal_strain.size:
                 for i in range(end - begin):
                     leave_out_heat(law, at + i, 1, rows.kinds[kind + on + i])
             matrix = rows.weights.ctypes.data + (weight + on * (function == EACH)) * size

@@ -36,8 +36,8 @@ from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
-from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.operations import (
+    ADD_SOURCES,
     AHEAD,
     BREAK,
     COPY,
@@ -50,7 +50,6 @@ from farhorizon.engine.operations import (
     DISSOLVE,
     DRAG,
     ENDS,
-    FEED,
     FILTER,
     FLOW,
     FRINGE,
@@ -71,6 +70,7 @@ from farhorizon.engine.operations import (
     WARM,
     WORK,
 )
+from farhorizon.engine.outline_stencil import fill_outline
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs, melt
 from farhorizon.engine.point_law import apply_to_rows
 from farhorizon.engine.release import break_by_energy
@@ -81,8 +81,8 @@ from farhorizon.engine.rows.linear_maps import call_map
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, block_sum, call_sweep, copy_run, copy_values, sweep_phases
 from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.tables import GENERAL
-from farhorizon.engine.threads import barrier, claim, share
-from farhorizon.engine.warmth import push_beyond, push_springs, warm_up
+from farhorizon.engine.thermal_strain import advance_thermal_strains, push_beyond, push_springs
+from farhorizon.engine.threads import barrier, chunk_of, claim
 
 CHUNK, VECTOR = 64, 8  # nodes of a row that are summed at a time, and nodes per vector
 SHIFTS = 12  # column of `Sweep.block` at which the distances between components begin
@@ -466,11 +466,11 @@ def first_from(rows, r, last, key):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def watch(level, runs, low, high, seen):
+def record_nodes(level, runs, low, high, node_values):
     """Copy the values of nodes whose keys are from `low` to `high`, run by run: reading an index for each node would
     take longer than copying the values.
     """
-    source, to, size = level.ctypes.data, seen.ctypes.data, level.itemsize
+    source, to, size = level.ctypes.data, node_values.ctypes.data, level.itemsize
     r = first_from(runs, ZERO, runs.shape[0], low)
     while r < runs.shape[0] and runs[r, 0] < high:
         copy_values(source + runs[r, 1] * size, to + runs[r, 2] * 8, runs[r, 3], level[0])
@@ -478,11 +478,11 @@ def watch(level, runs, low, high, seen):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sum_blocks(level, listening, low, high, way, heard):
+def sum_blocks(level, block_sums, low, high, way, block_values):
     """Sum over blocks of nodes whose middles are from `low` to `high`; if `way` is 1 or -1, over those whose last or
     first rows are: where rows are swept upwards or downwards, all their others have just been in the cache.
     """
-    sets, rows, weights, stride = listening.sets, listening.rows, listening.weights, listening.stride
+    sets, rows, weights, stride = block_sums.sets, block_sums.rows, block_sums.weights, block_sums.stride
     source, factors, size = level.ctypes.data, weights.ctypes.data, level.itemsize
     none = level.dtype.type(0)  # 0 times a float32 is a float64 here
     end = ZERO
@@ -498,7 +498,7 @@ def sum_blocks(level, listening, low, high, way, heard):
             for i in range(planes):
                 plane = source + (place + i * stride[0]) * size
                 total += weights[first + i] * block_sum(plane, across, lines, stride[1], along, nodes, none)
-            heard[rows[r, 5]] = total
+            block_values[rows[r, 5]] = total
             r += 1
 
 
@@ -517,19 +517,19 @@ def is_kept(inputs, step):
     return (inputs.before + step + 1) % inputs.stride == 0
 
 
-def watch_part(thread, stage, sums, tables, inputs, step, number):
+def record_nodes_part(thread, stage, sums, tables, inputs, step, number):
     """Record the watched values after the previous step: the sweep has just read them, so they are in the cache."""
     if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
-        watch(stage.src, inputs.watched, low, high, inputs.seen[step - 1])
+        record_nodes(stage.src, inputs.recorded_nodes, low, high, inputs.node_values[step - 1])
 
 
-def hear_part(thread, stage, sums, tables, inputs, step, number):
+def record_blocks_part(thread, stage, sums, tables, inputs, step, number):
     """Record the sums over blocks of nodes after the previous step."""
     if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
         way = ZERO if sums.sweep.block[1] > 1 else ONE - 2 * stage.backward  # in 3D the sweep visits planes before rows
-        sum_blocks(stage.src, tables.listening, low, high, way, inputs.heard[step - 1])
+        sum_blocks(stage.src, tables.block_sums, low, high, way, inputs.block_values[step - 1])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -612,7 +612,7 @@ def copy_runs(array, copies, components, first, last):
 @operation(COPY)
 def copy_across(thread, stage, sums, tables, inputs, step, number):
     """Fill the halo that repeats what lies across periodic axes."""
-    own = share(thread, tables.copies.shape[1])
+    own = chunk_of(thread, tables.copies.shape[1])
     copy_runs(stage.src, tables.copies, stage.components, own[0], own[1])
     barrier(thread)
 
@@ -657,7 +657,7 @@ def cut(thread, stage, sums, tables, inputs, step, number):
     material, cuts = sums.material, sums.cuts
     src, base, out, components, rule = stage.src, stage.base, stage.out, stage.components, material.rule
     nodes, neighbours, weights, coefficient = cuts.nodes, cuts.neighbours, cuts.weights, material.coefficient
-    own = share(thread, nodes.size)
+    own = chunk_of(thread, nodes.size)
     apart, rows = src.size // components, stage.rows
     for i in range(run_start(nodes, own[0]), run_start(nodes, own[1])):
         factor, mine, other = stage.scale, coefficient[0], coefficient[0]
@@ -708,7 +708,7 @@ def weigh_down(thread, stage, sums, tables, inputs, step, number):
     """
     block, mobility = sums.sweep.block, tables.mobility
     apart, keep = stage.out.size // stage.components, -stage.b
-    own = share(thread, block[1] * block[2])
+    own = chunk_of(thread, block[1] * block[2])
     for row in range(own[0], own[1]):
         first = block[0] + row // block[2] * block[4] + row % block[2] * block[5]
         mobile = mobility[first : first + block[3]]
@@ -721,8 +721,8 @@ def weigh_down(thread, stage, sums, tables, inputs, step, number):
     barrier(thread)
 
 
-@operation(FEED)
-def feed(thread, stage, sums, tables, inputs, step, number):
+@operation(ADD_SOURCES)
+def add_sources(thread, stage, sums, tables, inputs, step, number):
     """Add the sources."""
     nodes, fields, scale = inputs.source_nodes, inputs.source_fields, tables.numbers[stage.part, 4]
     for j in range(fields.shape[0]):
@@ -873,7 +873,7 @@ def sum_work(thread, stage, sums, tables, inputs, step, number):
 @operation(FRINGE)
 def close_outline(thread, stage, sums, tables, inputs, step, number):
     """Fill the halo along an outline."""
-    close_fringe(thread, stage, tables.fringe)
+    fill_outline(thread, stage, tables.outline_stencil)
 
 
 @operation(DISSOLVE)
@@ -906,29 +906,29 @@ def melt_halo(thread, stage, sums, tables, inputs, step, number):
         barrier(thread)
 
 
-@operation(KEEP)  # with `hear_last`
-def watch_last(thread, stage, sums, tables, inputs, step, number):
+@operation(KEEP)  # with `record_blocks_last`
+def record_nodes_last(thread, stage, sums, tables, inputs, step, number):
     """Record the watched values after the last step of a call; after others the next step does so."""
-    if step == inputs.seen.shape[0] - 1 and is_kept(inputs, step):
-        own = share(thread, count_parts(sums.sweep))
+    if step == inputs.node_values.shape[0] - 1 and is_kept(inputs, step):
+        own = chunk_of(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
             low, high = keys_of(sums.sweep, part)
-            watch(stage.out, inputs.watched, low, high, inputs.seen[step])
+            record_nodes(stage.out, inputs.recorded_nodes, low, high, inputs.node_values[step])
 
 
-def hear_last(thread, stage, sums, tables, inputs, step, number):
+def record_blocks_last(thread, stage, sums, tables, inputs, step, number):
     """Record the sums over blocks of nodes after the last step of a call."""
-    if step == inputs.seen.shape[0] - 1 and is_kept(inputs, step):
-        own = share(thread, count_parts(sums.sweep))
+    if step == inputs.node_values.shape[0] - 1 and is_kept(inputs, step):
+        own = chunk_of(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
             low, high = keys_of(sums.sweep, part)
-            sum_blocks(stage.out, tables.listening, low, high, ZERO, inputs.heard[step])
+            sum_blocks(stage.out, tables.block_sums, low, high, ZERO, inputs.block_values[step])
 
 
 @operation(LAW)
 def apply_law_after(thread, stage, sums, tables, inputs, step, number):
     """Apply the law of the nodes whose states are complete only once all sums have been made."""
-    own = share(thread, count_parts(sums.sweep))
+    own = chunk_of(thread, count_parts(sums.sweep))
     for part in range(own[0], own[1]):
         state_law(thread, sums.sweep, part, False)
     barrier(thread)
@@ -943,25 +943,27 @@ def break_beyond(thread, stage, sums, tables, inputs, step, number):
 @operation(RELEASE)
 def break_with_energy(thread, stage, sums, tables, inputs, step, number):
     """Break bonds with which enough energy is lost."""
-    break_by_energy(thread, stage, sums.sweep, sums.liquid, tables.gather, tables.scatter, tables.bonds)
+    break_by_energy(thread, stage, sums.sweep, sums.liquid, tables.gradient_pass, tables.divergence_pass, tables.bonds)
 
 
 @operation(DAMAGED)
 def redo_nodes(thread, stage, sums, tables, inputs, step, number):
     """Recompute states or forces of nodes that have lost bonds; the number says which, see `engine.damage`."""
-    redo_damaged(thread, stage, sums.sweep, sums.liquid, tables.gather, tables.scatter, tables.bonds, number)
+    redo_damaged(
+        thread, stage, sums.sweep, sums.liquid, tables.gradient_pass, tables.divergence_pass, tables.bonds, number
+    )
 
 
 @operation(STRETCH_STATES)
 def stretch_all_states(thread, stage, sums, tables, inputs, step, number):
     """Stretch the derivatives that nodes have for states, in the layers; if the number is 1 their memory begins."""
-    stretch_states(thread, tables.gather.sweep.law, tables.stretches, number != 0)
+    stretch_states(thread, tables.gradient_pass.sweep.law, tables.stretches, number != 0)
 
 
 @operation(STRETCH_FORCES)
 def stretch_all_forces(thread, stage, sums, tables, inputs, step, number):
     """Stretch the derivatives of what the law has made of the states, in the layers; with 1 their memory begins."""
-    stretch_forces(thread, stage, tables.gather.sweep.law, tables.stretches, number != 0)
+    stretch_forces(thread, stage, tables.gradient_pass.sweep.law, tables.stretches, number != 0)
 
 
 @operation(HEAT)
@@ -977,6 +979,6 @@ def heat_beyond(thread, stage, sums, tables, inputs, step, number):
 
 
 @operation(WARM)
-def warm_nodes(thread, stage, sums, tables, inputs, step, number):
+def step_thermal_strains(thread, stage, sums, tables, inputs, step, number):
     """Advance the thermal strains to those of the next step."""
-    warm_up(thread, tables.heat)
+    advance_thermal_strains(thread, tables.heat)

@@ -43,7 +43,7 @@ _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def around(zone, reach, first, end):
+def reached_box(zone, reach, first, end):
     """Box of nodes that bonds from a patch lead to, as far as they follow the law: first indices, and extents."""
     low_0 = max(first[0] - reach[0], zone[LAW_FIRST])
     low_1 = max(first[1] - reach[1], zone[LAW_FIRST + 1])
@@ -113,7 +113,7 @@ def fill_lines(law, bonds, node, other, n, lines, alike):
     """Fill the lines for the sums of the moduli of both ends of bonds, and for the weights of their states: those that
     are the same for all bonds if `alike`, the others if not.
     """
-    local, firm = law.local.size > 0, bonds.firmness.size > 1
+    local, firm = law.local.size > 0, bonds.harmonic_eigenvalue.size > 1
     for modulus in range(3):
         if not local and alike:
             for i in range(n):
@@ -127,18 +127,21 @@ def fill_lines(law, bonds, node, other, n, lines, alike):
             lines[_MINE, i] = lines[_OTHERS, i] = 1.0
     elif firm and not alike:
         for i in range(n):
-            lines[_MINE, i], lines[_OTHERS, i] = bonds.firmness[node + i], bonds.firmness[other + i]
+            lines[_MINE, i], lines[_OTHERS, i] = (
+                bonds.harmonic_eigenvalue[node + i],
+                bonds.harmonic_eigenvalue[other + i],
+            )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_row(u, part, springs, material, gather, scatter, bonds, bond, node, n, lines):
+def weigh_row(u, part, bond_stencil, material, gradient_pass, divergence_pass, bonds, bond, node, n, lines):
     """Compute, for one bond of each of some nodes of a row, the energy that would be lost with it, its limit, and its
     elongation, in units of the update; lines that are the same for all bonds must have been filled.
     """
-    law, columns, rows = gather.sweep.law, gather.columns, gather.rows
+    law, columns, rows = gradient_pass.sweep.law, gradient_pass.columns, gradient_pass.rows
     apart, size, other = u.size // columns, law.values.size // rows, node + bonds.places[bond, 0]
-    first, last, pulls = gather.sweep.general[0], scatter.sweep.general[part], springs.general[part]
-    xi, warm, distance = bonds.table[bond], bonds.warmth.size > 1, bonds.places[bond, 0]
+    first, last, pulls = gradient_pass.sweep.general[0], divergence_pass.sweep.general[part], bond_stencil.general[part]
+    xi, warm, distance = bonds.table[bond], bonds.thermal_strain.size > 1, bonds.places[bond, 0]
     fill_lines(law, bonds, node, other, n, lines, False)
     longer, trace, energy = lines[_ELONGATION], lines[_TRACE], lines[_ENERGY]
     for i in range(n):
@@ -150,7 +153,11 @@ def weigh_row(u, part, springs, material, gather, scatter, bonds, bond, node, n,
             eta[i] = np.float64(there[i]) - np.float64(here[i])
         if warm:
             for i in range(n):
-                eta[i] -= (np.float64(bonds.warmth[node + i]) + np.float64(bonds.warmth[other + i])) / 2 * ahead
+                eta[i] -= (
+                    (np.float64(bonds.thermal_strain[node + i]) + np.float64(bonds.thermal_strain[other + i]))
+                    / 2
+                    * ahead
+                )
         for i in range(n):
             longer[i] += eta[i] * ahead
             trace[i] += along * eta[i]
@@ -179,28 +186,40 @@ def weigh_row(u, part, springs, material, gather, scatter, bonds, bond, node, n,
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def may_break(stage, springs, gather, bonds, first, end, room):
+def may_break(stage, bond_stencil, gradient_pass, bonds, first, end, room):
     """Whether bonds of the nodes of a patch may have the energy at which they break."""
-    if bonds.warmth.size > 1:
+    if bonds.thermal_strain.size > 1:
         return True
-    block, states = springs.block, gather.sweep.law.values
-    low, counts = around(bonds.zone, springs.reach, first, end)
+    block, states = bond_stencil.block, gradient_pass.sweep.law.values
+    low, counts = reached_box(bonds.zone, bond_stencil.reach, first, end)
     steep = squared_norm(stage.src, stage.components, block, low, counts, True, room)
     stress = np.sqrt(squared_norm(states, stage.components, block, low, counts, False, room))
     return not bonds.bounds[0] * np.sqrt(steep) * stress + bonds.bounds[1] * steep < bonds.limit[0] ** 2 / 4
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_row(stage, springs, material, gather, scatter, bonds, i0, i1, begin, end, lines):
+def break_row(stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, i0, i1, begin, end, lines):
     """Break the bonds of some nodes of a row whose energy exceeds the limit."""
-    zone, block, places, start = bonds.zone, springs.block, bonds.places, bonds.zone[FIRST + 2]
-    row = i1 // (_ROWS_3 if gather.columns == 3 else _ROWS_2)
-    fill_lines(gather.sweep.law, bonds, 0, 0, end - begin, lines, True)
+    zone, block, places, start = bonds.zone, bond_stencil.block, bonds.places, bonds.zone[FIRST + 2]
+    row = i1 // (_ROWS_3 if gradient_pass.columns == 3 else _ROWS_2)
+    fill_lines(gradient_pass.sweep.law, bonds, 0, 0, end - begin, lines, True)
     for bond in range(places.shape[0]):
         low, top = curved_part(zone, i0, i1, places[bond], begin, end)
         node = block[0] + i0 * block[4] + i1 * block[5] + low
         word, bit = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
-        weigh_row(stage.src, stage.part, springs, material, gather, scatter, bonds, bond, node, top - low, lines)
+        weigh_row(
+            stage.src,
+            stage.part,
+            bond_stencil,
+            material,
+            gradient_pass,
+            divergence_pass,
+            bonds,
+            bond,
+            node,
+            top - low,
+            lines,
+        )
         for i in range(top - low):
             beyond = lines[_ENERGY, i] > lines[_LIMIT, i] and lines[_ELONGATION, i] > 0
             if beyond and bonds.alive[word, node + i] & bit != 0:
@@ -212,7 +231,7 @@ def break_row(stage, springs, material, gather, scatter, bonds, i0, i1, begin, e
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_patch(stage, springs, material, gather, scatter, bonds, first, end, room):
+def break_patch(stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, first, end, room):
     """Break the bonds of a patch whose energy exceeds the limit, searching only those smaller patches that may have
     some.
     """
@@ -220,13 +239,25 @@ def break_patch(stage, springs, material, gather, scatter, bonds, first, end, ro
         for i1 in range(first[1], end[1], NEAR_ROWS):
             for begin in range(first[2], end[2], NEAR_NODES):
                 low, top = (i0, i1, begin), (i0 + 1, min(i1 + NEAR_ROWS, end[1]), min(begin + NEAR_NODES, end[2]))
-                if may_break(stage, springs, gather, bonds, low, top, room):
+                if may_break(stage, bond_stencil, gradient_pass, bonds, low, top, room):
                     for row in range(i1, top[1]):
-                        break_row(stage, springs, material, gather, scatter, bonds, i0, row, begin, top[2], room)
+                        break_row(
+                            stage,
+                            bond_stencil,
+                            material,
+                            gradient_pass,
+                            divergence_pass,
+                            bonds,
+                            i0,
+                            row,
+                            begin,
+                            top[2],
+                            room,
+                        )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_by_energy(thread, stage, springs, material, gather, scatter, bonds):
+def break_by_energy(thread, stage, bond_stencil, material, gradient_pass, divergence_pass, bonds):
     """Clear the bits of bonds whose energy exceeds the limit; each thread takes whole rows of patches."""
     zone, room = bonds.zone, bonds.room[thread.number]
     planes = (zone[END] - zone[FIRST] + PATCH_PLANES - 1) // PATCH_PLANES
@@ -240,16 +271,16 @@ def break_by_energy(thread, stage, springs, material, gather, scatter, bonds):
                 min((row + 1) * PATCH_ROWS, zone[END + 1]),
                 min(begin + PATCH_NODES, zone[END + 2]),
             )
-            if may_break(stage, springs, gather, bonds, first, end, room):
-                break_patch(stage, springs, material, gather, scatter, bonds, first, end, room)
+            if may_break(stage, bond_stencil, gradient_pass, bonds, first, end, room):
+                break_patch(stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, first, end, room)
     barrier(thread)
 
 
 @njit(error_model="numpy", cache=True)
-def largest_energy(u, springs, material, gather, scatter, bonds):
+def largest_energy(u, bond_stencil, material, gradient_pass, divergence_pass, bonds):
     """Largest energy lost with a bond that may break, relative to its limit; zero if there is no such bond."""
-    zone, block, places, lines, largest = bonds.zone, springs.block, bonds.places, bonds.room[0], 0.0
-    fill_lines(gather.sweep.law, bonds, 0, 0, PATCH_NODES, lines, True)
+    zone, block, places, lines, largest = bonds.zone, bond_stencil.block, bonds.places, bonds.room[0], 0.0
+    fill_lines(gradient_pass.sweep.law, bonds, 0, 0, PATCH_NODES, lines, True)
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
             for begin in range(zone[FIRST + 2], zone[END + 2], PATCH_NODES):
@@ -258,7 +289,19 @@ def largest_energy(u, springs, material, gather, scatter, bonds):
                     low, top = curved_part(zone, i0, i1, places[bond], begin, end)
                     node = block[0] + i0 * block[4] + i1 * block[5] + low
                     bit = np.uint64(1) << np.uint64(bond & 63)
-                    weigh_row(u, 0, springs, material, gather, scatter, bonds, bond, node, top - low, lines)
+                    weigh_row(
+                        u,
+                        0,
+                        bond_stencil,
+                        material,
+                        gradient_pass,
+                        divergence_pass,
+                        bonds,
+                        bond,
+                        node,
+                        top - low,
+                        lines,
+                    )
                     for i in range(top - low):
                         there = bonds.alive[bond >> 6, node + i] & bit != 0
                         if there and lines[_ELONGATION, i] > 0 and lines[_LIMIT, i] > 0:

@@ -20,18 +20,18 @@ class Repeats:
         self._nothing: tuple[tuple[Any, ...], Inputs] | None = None
         self._planned: tuple[Tables, Asked, Tables] | None = None
 
-    def nothing(self, steps: int, tables: Tables, held: np.ndarray, watched: np.ndarray, stride: int) -> Inputs:
+    def nothing(self, steps: int, tables: Tables, held: np.ndarray, recorded_nodes: np.ndarray, stride: int) -> Inputs:
         """Return inputs without sources for a number of steps; prescribed values are zero.
 
         Parameters
         ----------
         steps : int
         tables : Tables
-        held, watched : ndarray of int
+        held, recorded_nodes : ndarray of int
             As in `Inputs`.
         stride : int
         """
-        given = steps, stride, held, watched, tables.dependents, tables.listening
+        given = steps, stride, held, recorded_nodes, tables.dependents, tables.block_sums
         if self._nothing is None or not _same(self._nothing[0], given):
             none, times = np.zeros(0, np.int64), np.zeros((steps, len(tables.numbers), 0), tables.numbers.dtype)
             self._nothing = (
@@ -46,9 +46,9 @@ class Repeats:
                     np.zeros((0, 0)),
                     np.zeros((0, len(tables.dependents.nodes)), times.dtype),
                     times,
-                    watched,
-                    self._rows("seen", steps, int(watched[:, 3].sum())),
-                    self._rows("heard", steps, len(tables.listening.rows)),
+                    recorded_nodes,
+                    self._rows("seen", steps, int(recorded_nodes[:, 3].sum())),
+                    self._rows("heard", steps, len(tables.block_sums.rows)),
                     stride,
                 ),
             )

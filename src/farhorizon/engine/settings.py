@@ -18,7 +18,7 @@ from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.build import load_program
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
-from farhorizon.engine.warmth import Warmth
+from farhorizon.engine.thermal_strain import ThermalStrains
 
 _NO_ENDS = np.zeros((0, 0), np.int64)
 
@@ -32,7 +32,7 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     neighbours : mapping of (axis, side) to int
         Ranks of the processes beyond each side, negative for none; axes that are not shared are left out.
     """
-    passes = [] if engine.passes is None else [engine.tables.gather, engine.tables.scatter]
+    passes = [] if engine.passes is None else [engine.tables.gradient_pass, engine.tables.divergence_pass]
     kinds = [Messages.between(link, neighbours, {one: engine.layout.across(*one) for one in neighbours})]
     for tables in engine.layers_of_passes:
         slots = {} if tables is None else {one: tables.across(*one) for one in neighbours}
@@ -48,7 +48,7 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     if engine.varied:
         engine.join(engine.tables.material.coefficient, {})
         engine.replace(media=media_of(engine))
-    beside = {name: getattr(engine.tables, name) for name in ("gather", "scatter", "neighbours")}
+    beside = {name: getattr(engine.tables, name) for name in ("gradient_pass", "divergence_pass", "neighbours")}
     beside = {name: one._replace(layers=_alone(one.layers)) for name, one in beside.items()}
     filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
     free = free_of_halos(engine.layout, neighbours)
@@ -81,21 +81,21 @@ def set_heat(engine: Engine, spacing: float) -> None:
     spacing : float
         Distance between nodes, in the unit of the field.
     """
-    tables, warmth = engine.tables, engine.tables.bonds.warmth
+    tables, thermal_strain = engine.tables, engine.tables.bonds.thermal_strain
     arms = spacing * engine.offsets[:, 3 - engine.components :].astype(float)
     if engine.passes is not None:
-        gather = tables.gather
-        law = gather.sweep.law._replace(
-            warmth=warmth, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
+        gradient_pass = tables.gradient_pass
+        law = gradient_pass.sweep.law._replace(
+            thermal_strain=thermal_strain, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
         )
-        engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)))
-    layers = engine.warm_layers
+        engine.replace(gradient_pass=gradient_pass._replace(sweep=gradient_pass.sweep._replace(law=law)))
+    layers = engine.thermoelastic_layers
     springs = engine.passes is not None and engine.weights.any() and layers is None
     vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
     beyond = np.zeros((0, 0)) if layers is None else layers.vectors
     traces = np.zeros(0, engine.dtype) if layers is None else layers.traces
     of_bonds = vectors.astype(engine.dtype), beyond.astype(engine.dtype)
-    engine.replace(heat=Warmth(warmth, np.zeros_like(warmth), *of_bonds, traces))
+    engine.replace(heat=ThermalStrains(thermal_strain, np.zeros_like(thermal_strain), *of_bonds, traces))
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
@@ -103,22 +103,22 @@ def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int =
     that exchange halos call this together.
     """
     heat = engine.tables.heat
-    heat.warmth[:] = engine.spread(strain, jointly=True) * engine.absent.exists
+    heat.thermal_strain[:] = engine.spread(strain, jointly=True) * engine.absent.exists
     heat.rate[:] = engine.spread(rate, jointly=True) * engine.absent.exists
     for _ in range(steps):
-        heat.warmth[:] += heat.rate
+        heat.thermal_strain[:] += heat.rate
 
 
 def give_heat_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) -> None:
     """Set the thermal strains of nodes in the layers and in front of them, by their places in a level, after
     `give_heat`; they stay until the next call. Beyond the outer ends of the layers they are zero.
     """
-    warmth, nodes = engine.tables.heat.warmth, engine.layout.box.node_indices()
-    warmth[places] = strains * engine.absent.exists[places]
-    inside = warmth[nodes]
-    warmth[:] = 0
-    warmth[nodes] = inside
-    load_program().copy(warmth, engine.tables.copies, 1)
+    thermal_strain, nodes = engine.tables.heat.thermal_strain, engine.layout.box.node_indices()
+    thermal_strain[places] = strains * engine.absent.exists[places]
+    inside = thermal_strain[nodes]
+    thermal_strain[:] = 0
+    thermal_strain[nodes] = inside
+    load_program().copy(thermal_strain, engine.tables.copies, 1)
 
 
 def set_density(engine: Engine, density: np.ndarray) -> None:
@@ -241,8 +241,8 @@ def record_flows(
     )
 
 
-def listen(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
-    """Record sums over blocks of nodes in `heard` after every step from now on.
+def record_blocks(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
+    """Record sums over blocks of nodes in `block_values` after every step from now on.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def listen(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarra
         of shape (n, width).
     """
     lanes = 64 // engine.dtype.itemsize
-    stride, column = engine.tables.listening.stride, 0
+    stride, column = engine.tables.block_sums.stride, 0
     sets, rows, tables, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, engine.dtype)], 0
     for places, (first, second, third) in blocks:
         padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
@@ -268,7 +268,7 @@ def listen(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarra
         column += len(places)
         rows.append(np.stack(columns, axis=1))
     engine.replace(
-        listening=engine.tables.listening._replace(
+        block_sums=engine.tables.block_sums._replace(
             sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(tables)
         )
     )

@@ -16,7 +16,7 @@ def inverse_shapes(shapes: np.ndarray) -> np.ndarray:
     return found
 
 
-def firmness(shapes: np.ndarray) -> np.ndarray:
+def harmonic_eigenvalue(shapes: np.ndarray) -> np.ndarray:
     """Harmonic means of the eigenvalues of shape tensors, shape (S,): 1 for nodes with all bonds, 1/2 on a flat face;
     also 1 for nodes without a gradient.
     """
@@ -26,12 +26,12 @@ def firmness(shapes: np.ndarray) -> np.ndarray:
 
 def stress_left(shapes: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Share of the stress that nodes bear after bonds have broken, shape (S,), from their shape tensors and their
-    initial `firmness`: all of it until fewer bonds are left than on a flat face, or down to the last bond if `first` is
-    0.
+    initial `harmonic_eigenvalue`: all of it until fewer bonds are left than on a flat face, or down to the last bond if
+    `first` is 0.
 
     Without this factor the last bonds of a node would bear its whole stress through the inverse of a nearly singular
     tensor, and be stiffer than a previously stable step allows. The energy of a node falls with the factor, so that
     energies still add up.
     """
     with np.errstate(divide="ignore"):
-        return np.asarray(np.minimum(firmness(shapes) / (FACE * first), 1.0) ** 2)
+        return np.asarray(np.minimum(harmonic_eigenvalue(shapes) / (FACE * first), 1.0) ** 2)

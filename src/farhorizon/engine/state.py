@@ -57,7 +57,7 @@ class State:
     def write(self, values: np.ndarray) -> None:
         """Set the engine to a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
-        engine.levels[...], engine.memory[...], engine.ends.states[...], engine.fringe_history[...] = 0, 0, 0, 0
+        engine.levels[...], engine.memory[...], engine.ends.states[...], engine.outline_history[...] = 0, 0, 0, 0
         engine.phase, engine.steps_done = 0, 0
         engine.ends.clock[0] = 1  # not the first step, whose sample counts half at exact ends
         for i, level in enumerate(levels):
@@ -68,14 +68,14 @@ class State:
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
         engine.ends.states[self._modes] = values[start:end]
         # a step drops the last row
-        engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)
+        engine.outline_history[:-1] = values[end:].reshape(engine.outline_history[:-1].shape)
 
     def read(self) -> np.ndarray:
         """Return the present state of the engine."""
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
         return np.concatenate(
-            [*levels, engine.memory[self._memory], engine.ends.states[self._modes], engine.fringe_history[:-1].ravel()]
+            [*levels, engine.memory[self._memory], engine.ends.states[self._modes], engine.outline_history[:-1].ravel()]
         )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
@@ -208,9 +208,9 @@ def digest(engine: Engine) -> str:
         ).encode()
     )
     tables = engine.tables
-    law = tables.gather.sweep.law
+    law = tables.gradient_pass.sweep.law
     none = np.zeros(0)
-    ends, fringe = tables.ends, tables.fringe._replace(history=none)
+    ends, outline_stencil = tables.ends, tables.outline_stencil._replace(history=none)
     for array in (
         engine.offsets,
         engine.weights,
@@ -222,14 +222,14 @@ def digest(engine: Engine) -> str:
         *tables.stretches._replace(memory=none, room=none),
         *tables.drag._replace(lost=none, room=none, moved=none, beyond=none),
         tables.mobility,
-        *tables.gather.surface[:-1],
-        *tables.scatter.surface[:-1],
-        *tables.scatter.cuts,
+        *tables.gradient_pass.surface[:-1],
+        *tables.divergence_pass.surface[:-1],
+        *tables.divergence_pass.cuts,
         *tables.damping,
         *tables.dependents,
         engine.held,
         *(ends.nodes, ends.poles, ends.inputs, ends.outputs),
-        *fringe,
+        *outline_stencil,
     ):
         mark.update(np.ascontiguousarray(array).tobytes())
     return mark.hexdigest()
@@ -246,7 +246,7 @@ def as_before(engine: Engine) -> Iterator[None]:
         *(ends.states, ends.forces, ends.clock),
         tables.flows.totals,
         tables.drag.lost,
-        tables.fringe.history,
+        tables.outline_stencil.history,
         tables.material.coefficient,
         *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
         *engine.bonds.state.values(),

@@ -15,7 +15,7 @@ import numpy as np
 from farhorizon.engine.layout import Block
 from farhorizon.engine.point_law import CHUNK
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 FIRST, COUNT, SLOT, LOST, LOST_END, ALONG = range(6)  # columns of `Stretches.runs`
 
@@ -160,7 +160,7 @@ def stretch_states(thread, law, stretches, begins):
     """Stretch the states of the nodes."""
     values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
     size, slots = values.size // (dim * dim), stretches.keep.shape[1]
-    own = share(thread, runs.shape[0])
+    own = chunk_of(thread, runs.shape[0])
     for r in range(own[0], own[1]):
         count, slot = runs[r, COUNT], runs[r, SLOT]
         for row in range(dim * dim):
@@ -184,7 +184,7 @@ def stretch_forces(thread, stage, law, stretches, begins):
     values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
     vectors, distances, lost = stretches.vectors, stretches.distances, stretches.lost
     size, slots, apart = values.size // (dim * dim), stretches.keep.shape[1], stage.out.size // dim
-    own = share(thread, runs.shape[0])
+    own = chunk_of(thread, runs.shape[0])
     for r in range(own[0], own[1]):
         place, count, slot = runs[r, FIRST], runs[r, COUNT], runs[r, SLOT]
         total = stretches.room[thread.number, :count]

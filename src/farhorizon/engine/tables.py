@@ -289,12 +289,12 @@ class Inputs(NamedTuple):
         Constraint forces on them in each step, per unit mass of a node of the medium, which the loop writes.
     dependent_fields, dependent_times : ndarray, shapes (M, n), (steps, stages, M)
         Fields added to the values of `Dependents`, and their amplitudes.
-    watched : ndarray of int, shape (W, 4)
-        Runs of neighbouring nodes whose values are copied to ``seen[step]`` after each step, sorted: place of the first
-        in its component, its place in the level, its column, and their number.
-    seen : ndarray, shape (steps, columns)
-    heard : ndarray, shape (steps, R)
-        Sums of `Listening` after each step.
+    recorded_nodes : ndarray of int, shape (W, 4)
+        Runs of neighbouring nodes whose values are copied to ``node_values[step]`` after each step, sorted: place of
+        the first in its component, its place in the level, its column, and their number.
+    node_values : ndarray, shape (steps, columns)
+    block_values : ndarray, shape (steps, R)
+        Sums of `BlockSums` after each step.
     stride : int
         Both are written only in steps whose number, counted from the first step of the run, is a multiple of it.
     """
@@ -308,13 +308,13 @@ class Inputs(NamedTuple):
     held_forces: np.ndarray
     dependent_fields: np.ndarray
     dependent_times: np.ndarray
-    watched: np.ndarray
-    seen: np.ndarray
-    heard: np.ndarray
+    recorded_nodes: np.ndarray
+    node_values: np.ndarray
+    block_values: np.ndarray
     stride: int
 
 
-class Listening(NamedTuple):
+class BlockSums(NamedTuple):
     """Sums over blocks of nodes that are recorded after each step: values between nodes, and derivatives.
 
     Attributes

@@ -99,7 +99,7 @@ def claim(thread, owner):
 
 
 @njit(cache=True, entry=False)
-def share(thread, count):
+def chunk_of(thread, count):
     """Return first and last + 1 of a thread's pieces, out of `count`."""
     return thread.number * count // thread.threads, (thread.number + 1) * count // thread.threads
 

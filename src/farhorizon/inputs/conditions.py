@@ -141,7 +141,7 @@ class Flux(Storable):
     region: Annotated[Shape | None, PYTHON_ONLY] = None
 
     def __post_init__(self) -> None:
-        _settle_surface(self, "value")
+        _set_surface(self, "value")
         kinds.one_of(self.kind, "constraint.kind", ("source", "layer", "mirror"), "unknown kind of condition")
         if not isinstance(self.where, str) and self.kind != "source":
             raise InputError(
@@ -225,8 +225,8 @@ class Convection(Storable):
     region: Annotated[Shape | None, PYTHON_ONLY] = None
 
     def __post_init__(self) -> None:
-        _settle_surface(self, "transfer")
-        kinds.settle(self, transfer=kinds.number(self.transfer, "constraint.transfer", least=0))
+        _set_surface(self, "transfer")
+        kinds.set_fields(self, transfer=kinds.number(self.transfer, "constraint.transfer", least=0))
         _check_value(self.ambient, "constraint.ambient")
 
 
@@ -234,7 +234,7 @@ Constraint = Temperature | Flux | Insulated | Convection
 #: Returns the values of all processes, in their order, given that of this process.
 Gather = Callable[[Any], list[Any]]
 #: A value that may vary in time: (values at some nodes, factor of t), or (None, function of t that gives such values).
-Drive = tuple[np.ndarray | None, Callable[..., Any]]
+SourceTerm = tuple[np.ndarray | None, Callable[..., Any]]
 
 
 def alone(value: Any) -> list[Any]:
@@ -242,10 +242,10 @@ def alone(value: Any) -> list[Any]:
     return [value]
 
 
-def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
+def _driven(source_terms: Sequence[SourceTerm], shape: tuple[int, ...]) -> np.ndarray:
     """Where the drives that vary in time, or the sum of those that do not, are not zero."""
     constant, active = np.zeros(shape), np.zeros(shape, bool)
-    for space, time in drives:
+    for space, time in source_terms:
         if space is None:
             active[...] = True
         elif time is steady:
@@ -255,7 +255,7 @@ def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
     return active | (constant != 0)
 
 
-def _settle_surface(one: Flux | Convection, needed: str) -> None:
+def _set_surface(one: Flux | Convection, needed: str) -> None:
     """Check where a flux or convection acts, and take the region as the place."""
     if (one.where is None) == (one.region is None):
         raise InputError(
@@ -267,7 +267,7 @@ def _settle_surface(one: Flux | Convection, needed: str) -> None:
     if getattr(one, needed) is None:
         raise InputError(f"the {needed} is missing", value="none", key=f"constraint.{needed}", limit="a number")
     if one.region is not None:
-        kinds.settle(one, where=kinds.instance(one.region, "constraint.region", Shape, "a shape"), region=None)
+        kinds.set_fields(one, where=kinds.instance(one.region, "constraint.region", Shape, "a shape"), region=None)
     assert one.where is not None
     if isinstance(one.where, Shape):
         _check_place(one.where, one.within, anywhere=True)
@@ -319,9 +319,9 @@ class Conditions:
     references : ndarray of int, shape (R,)
         Node i follows from the nodes references[starts[i]:starts[i + 1]].
     weights : ndarray, shape (R,)
-    drives : list of Drive
+    source_terms : list of SourceTerm
         Values added to the prescribed nodes, each over all H.
-    sources : list of (int, Drive)
+    sources : list of (int, SourceTerm)
         Number of a condition and its power per volume, of the lattice's shape.
     leaks : list of (int, ndarray)
         Number of a condition and the power lost per volume and temperature, of the lattice's shape.
@@ -334,24 +334,24 @@ class Conditions:
     starts: np.ndarray
     references: np.ndarray
     weights: np.ndarray
-    drives: list[Drive] = field(default_factory=list)
-    sources: list[tuple[int, Drive]] = field(default_factory=list)
+    source_terms: list[SourceTerm] = field(default_factory=list)
+    sources: list[tuple[int, SourceTerm]] = field(default_factory=list)
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
     def resting(self) -> np.ndarray:
         """Which prescribed nodes hold the background value at all times."""
-        return (np.diff(self.starts) == 0) & ~_driven(self.drives, self.nodes.shape)
+        return (np.diff(self.starts) == 0) & ~_driven(self.source_terms, self.nodes.shape)
 
     @property
     def constant(self) -> bool:
         """Whether all values that drive the prescribed nodes are constant in time."""
-        return all(space is not None and time is steady for space, time in self.drives)
+        return all(space is not None and time is steady for space, time in self.source_terms)
 
-    def fed(self, shape: tuple[int, ...]) -> np.ndarray:
+    def heated(self, shape: tuple[int, ...]) -> np.ndarray:
         """Mask, of the lattice's shape, of the nodes that receive heat at some time."""
-        return _driven([drive for _, drive in self.sources], shape)
+        return _driven([source_term for _, source_term in self.sources], shape)
 
     @property
     def images(self) -> np.ndarray:
@@ -397,7 +397,7 @@ def resolve(
     """
     found: list[_Held] = []
     face: _Face | _RegionSurface
-    fed: list[tuple[int, _Face | _RegionSurface]] = []  # sides and surfaces that take heat as a source
+    heated: list[tuple[int, _Face | _RegionSurface]] = []  # sides and surfaces that take heat as a source
     none = np.zeros(0, int)
     out = Conditions(none, none, np.zeros(1, int), none, np.zeros(0))
     for number, constraint in enumerate(constraints):
@@ -415,18 +415,18 @@ def resolve(
         if isinstance(constraint, Convection) or (isinstance(constraint, Flux) and constraint.kind == "source"):
             face = _surface_of(constraint, lattice, key, gather, stencil)
             _add_source(out, number, constraint, face, conductivity, background)
-            fed.append((number, face))
+            heated.append((number, face))
         elif isinstance(constraint.where, str):
             side = _Face(constraint.where, lattice, constraint.within, key, gather)
             found.append(_on_face(number, constraint, side, lattice, reach, conductivity, background, key))
         else:
             found.append(_in_region(number, constraint, lattice, background, key, gather))
     _join(out, found, lattice)
-    _refuse_fed(out, found, fed, lattice)
-    for number, face in fed:
+    _refuse_heated(out, found, heated, lattice)
+    for number, face in heated:
         one = constraints[number]
         if isinstance(one, Convection) and one.within is not None:
-            same = (other.own(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))
+            same = (other.own(0) for _, other in heated if (other.axis, other.side) == (face.axis, face.side))
             whole = _surface_of(replace(one, within=None), lattice, f"constraint[{number}]", gather, stencil).own(0)
             rest = sum(gather(int((~np.isin(whole, np.concatenate([out.nodes, *same]))).sum())))
             if rest:
@@ -477,7 +477,7 @@ class _Held:
     nodes: np.ndarray
     references: np.ndarray
     weight: float
-    drives: list[Drive]
+    source_terms: list[SourceTerm]
     plain: Any  # the number that all nodes take, or None
     axis: int | None = None  # normal of the side
 
@@ -591,7 +591,7 @@ class _Face:
         at[self.axis] = at[self.axis] - self.side * depth * self.lattice.spacing
         return at
 
-    def values(self, value: Any, depth: float) -> Drive:
+    def values(self, value: Any, depth: float) -> SourceTerm:
         """A value as a drive over the lines, for a wall at `depth`."""
         space, time = space_and_time(value)
         at = self.coordinates(depth)
@@ -620,9 +620,11 @@ def _finite(value: Any, count: int, key: str) -> np.ndarray:
     return values
 
 
-def _scaled(drive: Drive, factor: np.ndarray | float, put: Callable[[np.ndarray], np.ndarray] = lambda v: v) -> Drive:
+def _scaled(
+    source_term: SourceTerm, factor: np.ndarray | float, put: Callable[[np.ndarray], np.ndarray] = lambda v: v
+) -> SourceTerm:
     """The drive times a factor, with its values rearranged by `put`."""
-    space, time = drive
+    space, time = source_term
     if space is None:
         return None, lambda t: put(factor * time(t))
     return put(factor * space), time
@@ -679,27 +681,27 @@ def _on_face(
     def put(values: np.ndarray) -> np.ndarray:
         return np.tile(values, layers)[mine]
 
-    drives: list[Drive]
+    source_terms: list[SourceTerm]
     if isinstance(constraint, Temperature):
-        drive = face.values(constraint.value, 0.0 if kind == "node" else layers - 0.5)
+        source_term = face.values(constraint.value, 0.0 if kind == "node" else layers - 0.5)
         weight = -1.0 if mirror else 0.0
-        drives = [_scaled(drive, 1.0 - weight, put)]
+        source_terms = [_scaled(source_term, 1.0 - weight, put)]
         if background:
-            drives.append((np.full(len(nodes), -(1 - weight) * background), space_and_time(0.0)[1]))
+            source_terms.append((np.full(len(nodes), -(1 - weight) * background), space_and_time(0.0)[1]))
         plain = constraint.value if not mirror and np.isscalar(constraint.value) else None
-        return _Held(number, nodes, references, weight, drives, plain, face.axis)
+        return _Held(number, nodes, references, weight, source_terms, plain, face.axis)
     apart = np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)])
     distance = np.repeat(apart * lattice.spacing, len(face.first))[mine]
-    drives = []  # an insulated layer depends on the inside only
+    source_terms = []  # an insulated layer depends on the inside only
     if isinstance(constraint, Flux):
         material = np.broadcast_to(conductivity, lattice.shape).ravel()[references]
         if (material <= 0).any():
             raise InputError(
                 "a flux needs a conductivity above 0 on its side", value=float(material.min()), limit="> 0", key=key
             )
-        drive = face.values(constraint.value, layers - 0.5)
-        drives = [_scaled(drive, 1.0, lambda v: put(v) * distance / material)]
-    return _Held(number, nodes, references, 1.0, drives, None, face.axis)
+        source_term = face.values(constraint.value, layers - 0.5)
+        source_terms = [_scaled(source_term, 1.0, lambda v: put(v) * distance / material)]
+    return _Held(number, nodes, references, 1.0, source_terms, None, face.axis)
 
 
 def _in_region(
@@ -724,13 +726,15 @@ def _in_region(
     nodes = np.flatnonzero(mask)
     if not any(gather(bool(nodes.size))):
         raise InputError("no node lies in the shape", key=f"{key}.where", remedy="enlarge it or refine the lattice")
-    drives = [_values_at(constraint.value, [g.ravel()[nodes] for g in lattice.coordinates()], nodes, lattice, key)]
+    source_terms = [
+        _values_at(constraint.value, [g.ravel()[nodes] for g in lattice.coordinates()], nodes, lattice, key)
+    ]
     if background:
-        drives.append((np.full(len(nodes), -background), space_and_time(0.0)[1]))
-    return _Held(number, nodes, nodes, 0.0, drives, constraint.value if np.isscalar(constraint.value) else None)
+        source_terms.append((np.full(len(nodes), -background), space_and_time(0.0)[1]))
+    return _Held(number, nodes, nodes, 0.0, source_terms, constraint.value if np.isscalar(constraint.value) else None)
 
 
-def _values_at(value: Any, at: Sequence[np.ndarray], nodes: np.ndarray, lattice: Lattice, key: str) -> Drive:
+def _values_at(value: Any, at: Sequence[np.ndarray], nodes: np.ndarray, lattice: Lattice, key: str) -> SourceTerm:
     """A value as a drive over points, each of which belongs to a node of this part of the lattice."""
     space, time = space_and_time(value)
     if space is None:
@@ -842,7 +846,7 @@ class _RegionSurface:
         np.add.at(field.reshape(-1), self._nodes, values * self.first / self.part.spacing)
         return field
 
-    def values(self, value: Any, depth: float) -> Drive:
+    def values(self, value: Any, depth: float) -> SourceTerm:
         """A value as a drive over the bonds."""
         return _values_at(value, list(self._at.T), self._nodes, self.part, self.key)
 
@@ -858,14 +862,14 @@ def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputEr
     )
 
 
-def _refuse_fed(
-    out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int, _Face | _RegionSurface]], lattice: Lattice
+def _refuse_heated(
+    out: Conditions, found: Sequence[_Held], heated: Sequence[tuple[int, _Face | _RegionSurface]], lattice: Lattice
 ) -> None:
     """Refuse heat into nodes whose value is prescribed, where it would be lost; where two sides of the body meet, it
     goes into the wall.
     """
     axes = {held.number: held.axis for held in found}
-    for number, face in fed:
+    for number, face in heated:
         same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
         lost = np.flatnonzero(same & np.isin(out.nodes, face.own(0)))
         if lost.size:
@@ -925,5 +929,5 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
             field[first : first + size] = values[keep]
             return field
 
-        out.drives += [_scaled(drive, 1.0, put) for drive in held.drives]
+        out.source_terms += [_scaled(source_term, 1.0, put) for source_term in held.source_terms]
         start += size

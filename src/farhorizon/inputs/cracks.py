@@ -54,7 +54,7 @@ class Crack(Storable):
     opens: Duration = 0.0
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             factor=kinds.number(self.factor, "crack.factor", least=0, most=1),
             opens=kinds.number(self.opens, "crack.opens"),

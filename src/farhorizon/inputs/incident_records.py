@@ -71,7 +71,7 @@ class IncidentRecord(Incident):
     def __post_init__(self) -> None:
         kinds.text(self.name, "incident.name")
         check_within(self.within)
-        kinds.settle(self, record=_settled(self.record, self.name))
+        kinds.set_fields(self, record=_checked_record(self.record, self.name))
 
     def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
         """The same wave with its box, which lies one reach inside the outermost nodes of the record; see
@@ -103,7 +103,7 @@ class IncidentRecord(Incident):
         return _RecordedPassage(record, region)
 
 
-def _settled(record: Any, name: str) -> dict[str, Any]:
+def _checked_record(record: Any, name: str) -> dict[str, Any]:
     """Return the checked record of a file, a recorder or a mapping."""
     if isinstance(record, str | Path):
         known = open_results(record, verify=False).recorded

@@ -79,7 +79,7 @@ class BodyForce(Load):
     def __post_init__(self) -> None:
         if not isinstance(self.value, np.ndarray):
             kinds.sequence(self.value, "load.value", "one component an axis")
-        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
+        kinds.set_fields(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Traction(Load):
                         key="load.between",
                         remedy=f"({high:g}, {low:g})",
                     )
-        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
+        kinds.set_fields(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Traction:
         """The same traction with explicit ends if it acts on the whole side, so that it keeps its position on a larger

@@ -106,11 +106,11 @@ def spread(
     return density.reshape(lattice.shape) / lattice.spacing**lattice.dim
 
 
-def settle_source(source: Any, **values: Any) -> None:
+def set_source_fields(source: Any, **values: Any) -> None:
     """Check and store what all local sources have, the factor of time and the interpolation, and further values."""
     time = None if source.time is None else as_signal(source.time, "source.time")
     kinds.one_of(source.interpolation, "source.interpolation", INTERPOLATIONS, "unknown interpolation")
-    kinds.settle(source, time=time, **values)
+    kinds.set_fields(source, time=time, **values)
 
 
 def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
@@ -200,7 +200,7 @@ class PointSource(LocalSource):
     interpolation: str = "sinc"
 
     def __post_init__(self) -> None:
-        settle_source(self, at=place_of(self.at), strength=kinds.number(self.strength, "source.strength"))
+        set_source_fields(self, at=place_of(self.at), strength=kinds.number(self.strength, "source.strength"))
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""
@@ -250,7 +250,7 @@ class PointForce(LocalSource):
     interpolation: str = "sinc"
 
     def __post_init__(self) -> None:
-        settle_source(self, at=place_of(self.at), force=amount_of(self.force, "source.force"))
+        set_source_fields(self, at=place_of(self.at), force=amount_of(self.force, "source.force"))
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""
@@ -345,7 +345,7 @@ class MomentTensor(LocalSource):
                 remedy="all three angles, or the tensor alone",
             )
         angles = {name: kinds.number(value, f"source.{name}") for name, value in given.items()}
-        settle_source(self, at=place_of(self.at), moment=moment.tolist(), **angles)
+        set_source_fields(self, at=place_of(self.at), moment=moment.tolist(), **angles)
 
     def tensor(self, dim: int) -> np.ndarray:
         """The moment tensor on a lattice of the given number of dimensions, shape (dim, dim).
@@ -445,7 +445,7 @@ class LineSource(LocalSource):
                 key="source.points",
                 remedy="PointSource or PointForce at one place",
             )
-        settle_source(self, points=points.tolist(), strength=amount_of(self.strength, "source.strength"))
+        set_source_fields(self, points=points.tolist(), strength=amount_of(self.strength, "source.strength"))
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""

@@ -13,7 +13,7 @@ from farhorizon.arguments import ANY, Length, OfTime, Speed, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import as_points
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, settle_source, spread
+from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, set_source_fields, spread
 from farhorizon.inputs.signals import SMALL, Delayed, Signal
 from farhorizon.inputs.sources import Source, steady
 from farhorizon.machine import check_fits
@@ -93,12 +93,12 @@ class PhasedArray(LocalSource):
                 key="source.first",
                 remedy="the centres of the outer elements",
             )
-        settle_source(self, strength=amount_of(self.strength, "source.strength"), **points)
+        set_source_fields(self, strength=amount_of(self.strength, "source.strength"), **points)
         pitch = self._length / (self.elements - 1)
         limits = {"speed": {"above": 0}, "angle": {"least": -90, "most": 90}, "width": {"above": 0}}
         for name, range_ in limits.items():
             if (value := getattr(self, name)) is not None:
-                kinds.settle(self, **{name: kinds.number(value, f"source.{name}", **range_)})  # type: ignore[arg-type]
+                kinds.set_fields(self, **{name: kinds.number(value, f"source.{name}", **range_)})  # type: ignore[arg-type]
         if self.width is not None and self.width > pitch * (1 + 1e-9):
             raise InputError(
                 "the elements overlap",

@@ -95,7 +95,7 @@ class Prescribed(Storable):
                 key="constraint.rate",
                 remedy="leave it out",
             )
-        kinds.settle(
+        kinds.set_fields(
             self,
             **{
                 name: _by_component(getattr(self, name), f"constraint.{name}") for name in ("value", "rate", "velocity")
@@ -104,14 +104,14 @@ class Prescribed(Storable):
         )
 
     @property
-    def course(self) -> list[Any]:
+    def time_history(self) -> list[Any]:
         """Value, or velocity, of each component as a function of t; None for a free component."""
         given = self.velocity if self.value is None else self.value
         return given if isinstance(given, list) else [given]
 
     def at(self, t: float) -> Any:
         """The value, or the velocity, at a time; for a list, each entry. Raises InputError if one is not finite."""
-        found = [None if one is None else _at(one, t) for one in self.course]
+        found = [None if one is None else _at(one, t) for one in self.time_history]
         return found if isinstance(self.velocity if self.value is None else self.value, list) else found[0]
 
     def nodes(self, lattice: Lattice) -> np.ndarray:
@@ -150,10 +150,15 @@ class Prescribed(Storable):
 
     def keeps(self, component: int, background: float) -> bool:
         """Whether a component is permanently fixed at the background; for a Python function this is not known."""
-        course = self.course[component]
-        if self.value is None or self.until is not None or not isinstance(course, Expression) or course.uses_time:
+        time_history = self.time_history[component]
+        if (
+            self.value is None
+            or self.until is not None
+            or not isinstance(time_history, Expression)
+            or time_history.uses_time
+        ):
             return False
-        return _at(course, 0.0) == background
+        return _at(time_history, 0.0) == background
 
     def last_step(self, dt: float) -> float:
         """Number of the last step in which the value is prescribed."""
@@ -167,7 +172,7 @@ class Prescribed(Storable):
         if rate is not None:
             return _at(rate, t)
         # Backward difference of fourth order: the value need not be defined at later times.
-        h, value = min(dt, t / 4 if t > 0 else dt) / 16, self.course[component]
+        h, value = min(dt, t / 4 if t > 0 else dt) / 16, self.time_history[component]
         return float(np.dot([25 / 12, -4, 3, -4 / 3, 1 / 4], [_at(value, t - k * h) for k in range(5)]) / h)
 
 
@@ -190,9 +195,9 @@ def _of_time(given: Any, key: str) -> Any:
     return as_signal(given, key)
 
 
-def _at(course: Callable[[float], Any], t: float) -> float:
+def _at(time_history: Callable[[float], Any], t: float) -> float:
     """Value of a function of t at a time; raises InputError if it is not finite."""
-    found = float(kinds.array(course(t), "constraint.value", shape=(), finite=False))
+    found = float(kinds.array(time_history(t), "constraint.value", shape=(), finite=False))
     if not np.isfinite(found):
         raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
     return found
@@ -225,17 +230,17 @@ class _Course:
 
     def value_over(self, background: float) -> Callable[[float], float]:
         """The prescribed value less the background as a function of t, zero after the release."""
-        course, end = self.constraint.course[self.component], self.constraint.until
-        return lambda t: _at(course, t) - background if end is None or t <= end else 0.0
+        time_history, end = self.constraint.time_history[self.component], self.constraint.until
+        return lambda t: _at(time_history, t) - background if end is None or t <= end else 0.0
 
     def values(self, step: int, count: int, dt: float) -> np.ndarray:
         """Values after each of the `count` steps that follow `step`, shape (count, places) or (count, 1)."""
-        course, steps = self.constraint.course[self.component], range(step + 1, step + count + 1)
+        time_history, steps = self.constraint.time_history[self.component], range(step + 1, step + count + 1)
         if self.constraint.value is not None:
-            return np.array([_at(course, dt * n) for n in steps], float)[:, None]
+            return np.array([_at(time_history, dt * n) for n in steps], float)[:, None]
         while len(self.way) <= step + count:  # summed in the order of the steps, wherever a run begins
             t = dt * (len(self.way) - 1)
-            mean = (_at(course, t) + 4 * _at(course, t + dt / 2) + _at(course, t + dt)) / 6
+            mean = (_at(time_history, t) + 4 * _at(time_history, t + dt / 2) + _at(time_history, t + dt)) / 6
             self.way.append(self.way[-1] + dt * mean)
         return np.array([self.way[n] for n in steps])[:, None] + self.first
 
@@ -291,8 +296,8 @@ class PrescribedNodes:
         self._held = [
             _Course(one, number, nodes + number * size, one.last_step(dt), np.zeros(len(nodes)), [0.0])
             for one, nodes in zip(constraints, self.nodes, strict=True)
-            for number, course in enumerate(one.course)
-            if course is not None
+            for number, time_history in enumerate(one.time_history)
+            if time_history is not None
         ]
         everywhere = np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._held)])
         if len(np.unique(everywhere)) < len(everywhere):
@@ -305,7 +310,7 @@ class PrescribedNodes:
         started = u.copy()
         for held in self._held:
             if held.constraint.value is not None:
-                started.flat[held.places] = _at(held.constraint.course[held.component], 0.0) - self.background
+                started.flat[held.places] = _at(held.constraint.time_history[held.component], 0.0) - self.background
             held.first[:] = started.flat[held.places] + self.background
         return started
 

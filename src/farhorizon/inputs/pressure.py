@@ -84,7 +84,7 @@ class Pressure(Load):
         if not isinstance(self.on, Cut | Crack | Shape):
             kinds.array(self.on, "load.on")
         if not isinstance(self.value, list | tuple | np.ndarray):
-            kinds.settle(self, value=kinds.number(self.value, "load.value"))
+            kinds.set_fields(self, value=kinds.number(self.value, "load.value"))
         elif (value := kinds.array(self.value, "load.value")).ndim != 2 or value.shape[0] != value.shape[1]:
             raise InputError(
                 "a pressure is a number or a symmetric matrix",
@@ -101,7 +101,7 @@ class Pressure(Load):
                 key="load.value",
                 remedy=f"{shown((value + value.T) / 2)}, which presses alike, but turns nothing",
             )
-        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
+        kinds.set_fields(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Pressure:
         """The pressure itself: it stays where its crack or hole is."""

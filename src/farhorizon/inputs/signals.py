@@ -123,7 +123,7 @@ class _Pulse(Signal):
 
     def _set_delay(self, default: float) -> None:
         """Store the delay; raises InputError if the value at t = 0 is not small."""
-        kinds.settle(self, delay=default if self.delay is None else _number(self.delay, self, "delay", least=0))
+        kinds.set_fields(self, delay=default if self.delay is None else _number(self.delay, self, "delay", least=0))
         start = abs(float(self(0.0)))
         if start > SMALL:
             raise InputError(
@@ -170,7 +170,7 @@ class Ricker(_Pulse):
     delay: Duration | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(self, frequency=_number(self.frequency, self, "frequency", above=0))
+        kinds.set_fields(self, frequency=_number(self.frequency, self, "frequency", above=0))
         self._set_delay(1.5 / self.frequency)
 
     @property
@@ -220,7 +220,7 @@ class Gaussian(_Pulse):
     delay: Duration | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(self, width=_number(self.width, self, "width", above=0))
+        kinds.set_fields(self, width=_number(self.width, self, "width", above=0))
         self._set_delay(4.5 * self.width)
 
     @property
@@ -287,7 +287,7 @@ class ToneBurst(Signal):
     cycles: float
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             frequency=_number(self.frequency, self, "frequency", above=0),
             cycles=_number(self.cycles, self, "cycles", least=1),
@@ -337,7 +337,7 @@ class Step(Signal):
     rise: Duration
 
     def __post_init__(self) -> None:
-        kinds.settle(self, rise=_number(self.rise, self, "rise", above=0))
+        kinds.set_fields(self, rise=_number(self.rise, self, "rise", above=0))
 
     @property
     def end(self) -> float:
@@ -389,7 +389,7 @@ class Chirp(Signal):
 
     def __post_init__(self) -> None:
         for name in ("first", "last", "duration"):
-            kinds.settle(self, **{name: _number(getattr(self, name), self, name, above=0)})
+            kinds.set_fields(self, **{name: _number(getattr(self, name), self, name, above=0)})
         if self.first == self.last:
             raise InputError(
                 "the frequency of a chirp changes",
@@ -479,7 +479,7 @@ class Samples(Signal):
         with naming(given):
             found = _read(Path(given), dt) if isinstance(given, str | Path) else given
             values = _checked(kinds.array(found, "samples.values"))
-        kinds.settle(self, values=values, dt=dt)
+        kinds.set_fields(self, values=values, dt=dt)
 
     @property
     def end(self) -> float:

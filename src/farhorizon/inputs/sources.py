@@ -57,7 +57,7 @@ class Source(Storable):
 
     def __post_init__(self) -> None:
         if self.time is not None:
-            kinds.settle(self, time=as_signal(self.time, "source.time"))
+            kinds.set_fields(self, time=as_signal(self.time, "source.time"))
 
 
 def steady(t: float) -> float:

@@ -50,7 +50,7 @@ class Specimen(Storable):
     def __post_init__(self) -> None:
         if not isinstance(self.where, Shape):
             kinds.mask(self.where, "specimen.where", "a specimen is a shape or a mask")
-        kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration", least=0))
+        kinds.set_fields(self, concentration=kinds.number(self.concentration, "specimen.concentration", least=0))
 
     def nodes(self, lattice: Lattice, key: str = "specimen") -> np.ndarray:
         """Nodes of a lattice that belong to it, a mask of the lattice's shape; raises InputError if there are none,

@@ -105,7 +105,7 @@ class ThermalLoad(Load):
         if not (self.of_run(run) or callable(run) or isinstance(run, str)):
             run = kinds.array(run, "load.temperature")
             run = run if run.ndim else float(run)
-        kinds.settle(
+        kinds.set_fields(
             self,
             temperature=run,
             expansion=material_constant(self.expansion, "load.expansion", positive=False),

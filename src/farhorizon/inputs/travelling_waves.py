@@ -46,7 +46,7 @@ class TravellingWave(Incident):
     duration: Duration
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             direction=_as_direction(self.direction),
             duration=kinds.number(self.duration, "incident.duration", above=0),

@@ -17,10 +17,10 @@ import numpy as np
 
 from farhorizon.boundaries import Fixed
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.simulation.feed import Batch, Feed
 from farhorizon.simulation.recorder import Recorder
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.simulation.source_table import Batch, SourceTable
 
 
 class Residuals:
@@ -68,7 +68,7 @@ class Residuals:
         return places, table, np.reshape(rates, (-1, self.steps + 1)).T
 
 
-class AdjointFeed(Feed):
+class AdjointFeed(SourceTable):
     """Supply of an adjoint run with residuals, the last ones first.
 
     Parameters
@@ -120,7 +120,7 @@ def adjoint_run(setup: Setup, residuals: Residuals, shift: int, observe: Sequenc
         setup, boundary=sides, constraints=held, background=0.0, initial={}, sources=(), loads=(), balance=False
     )
     sim = Simulation.of(still, observe=observe)
-    sim._march.feed = AdjointFeed(sim, residuals, shift)
+    sim._time_loop.source_table = AdjointFeed(sim, residuals, shift)
     return sim
 
 

@@ -17,9 +17,9 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.of_field import OfField
-from farhorizon.simulation.drives import given, split_drives
 from farhorizon.simulation.setup import Setup, keys, side_name
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.simulation.source_terms import given, split_source_terms
 
 _SOURCE = re.compile(r"source(\[\d+\])?")
 _INITIAL = ("u", "v")
@@ -42,11 +42,13 @@ class Asked:
     def spaces(self, sim: Simulation) -> dict[str, list[np.ndarray]]:
         """Return, for each of the sources, its parts as functions of space, each of the field's shape."""
         found = {}
-        parts = given(sim.setup, sim.parts.near, sim.parts.around.sides)
+        parts = given(sim.setup, sim.parts.near, sim.parts.layered.sides)
         for name in self.sources:
-            drives = split_drives([one for one in parts if one[0] == name], sim.parts.near, sim.parts.beyond)
-            found[name] = [np.asarray(space) for space, _ in drives.sources if space is not None]
-            if drives.unsplit:
+            source_terms = split_source_terms(
+                [one for one in parts if one[0] == name], sim.parts.near, sim.parts.exterior
+            )
+            found[name] = [np.asarray(space) for space, _ in source_terms.sources if space is not None]
+            if source_terms.unsplit:
                 raise InputError(
                     "the source is not a function of space times one of time",
                     key=name,

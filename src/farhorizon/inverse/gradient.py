@@ -17,9 +17,9 @@ from farhorizon.inverse.medium import Medium
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.patch import Patch
 from farhorizon.machine import available_memory
-from farhorizon.simulation.course import checked_end
+from farhorizon.simulation.outer_loop import checked_end
 from farhorizon.simulation.receivers import Receivers
-from farhorizon.simulation.recorder import Heard
+from farhorizon.simulation.recorder import StepValues
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
@@ -300,7 +300,7 @@ def _first_acceleration(setup: Setup, back: Simulation, u: np.ndarray) -> np.nda
     level, grid = still.engine.current, still.parts.grid
     grid.view(level)[...] = np.nan_to_num(u).reshape(grid.view(level).shape)
     still.engine.begin(level)
-    found = still._march._motion.acceleration(0.0)
+    found = still._time_loop._motion.acceleration(0.0)
     return grid.view(found).reshape(back.field_shape).astype(float)
 
 
@@ -328,7 +328,7 @@ class _Correlation(PatchRecorder, offered=False):
         self._start_more = np.concatenate([first[:, self.patch.nodes], first[:, self.nodes]], axis=1)
         self.piece: Piece | None = None
 
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, heard: StepValues) -> None:
         rows, of = self.rows(heard), self._of
         n = self._shift - step - np.arange(len(rows))
         used = np.flatnonzero((n >= 0) & (n < of.steps))

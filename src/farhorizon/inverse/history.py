@@ -12,7 +12,7 @@ from farhorizon.files.records import Recorded
 from farhorizon.inverse.patch import Patch
 from farhorizon.inverse.schedule import pieces_backward, repeats, states_ahead
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
+from farhorizon.simulation.recorder import Arrays, Recorder, RecordRequest, StepValues
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
@@ -34,14 +34,14 @@ class PatchRecorder(Recorder, offered=False):
         self.patch = patch
         self.nodes = np.zeros(0, np.int64) if nodes is None else nodes
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         self._background = parts.near.background
-        return Wanted(np.concatenate([self.patch.nodes, self.nodes]), ())
+        return RecordRequest(np.concatenate([self.patch.nodes, self.nodes]), ())
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, heard: StepValues) -> None:
         pass
 
-    def rows(self, heard: Heard) -> np.ndarray:
+    def rows(self, heard: StepValues) -> np.ndarray:
         """Return what was recorded, shape (steps, components, places and nodes)."""
         return heard.nodes.swapaxes(1, 2)
 
@@ -94,7 +94,7 @@ class Rows(PatchRecorder, offered=False):
             self.values[row] = near[:, self.patch.nodes]
         self._lay_walls(0, len(levels))
 
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, heard: StepValues) -> None:
         row, rows = step - self.first, self.rows(heard)
         self.values[row : row + len(rows)] = rows
         self._lay_walls(row, row + len(rows))
@@ -152,14 +152,14 @@ class Past(NamedTuple):
     def of(cls, sim: Simulation) -> Past:
         """Return a copy of the present state."""
         arrays = tuple(one.copy() for one in _parts_of(sim))
-        return cls(sim.step_count, arrays, sim.engine.phase, sim._march.feed.scale)
+        return cls(sim.step_count, arrays, sim.engine.phase, sim._time_loop.source_table.scale)
 
     def restore(self, sim: Simulation) -> None:
         """Bring a run of the same set-up into this state."""
         for kept, one in zip(self.arrays, _parts_of(sim), strict=True):
             one[...] = kept
         sim.engine.phase, sim.engine.steps_done, sim.step_count = self.phase, self.step, self.step
-        sim.time, sim._march.feed.scale = self.step * sim.dt, self.scale
+        sim.time, sim._time_loop.source_table.scale = self.step * sim.dt, self.scale
 
     @property
     def nbytes(self) -> int:

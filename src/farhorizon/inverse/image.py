@@ -15,7 +15,7 @@ from farhorizon.inverse.gradient import gradient, residuals_of
 from farhorizon.inverse.history import PatchRecorder, advance
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.inverse.patch import Patch
-from farhorizon.simulation.recorder import Heard
+from farhorizon.simulation.recorder import StepValues
 from farhorizon.simulation.setup import Setup
 
 _DARK = 1e-3  # of the mean illumination: where less was seen, an image is not made brighter any more
@@ -111,7 +111,7 @@ class _Peaks(PatchRecorder, offered=False):
         super().__init__(patch)
         self.largest = np.zeros(patch.places)
 
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, heard: StepValues) -> None:
         self.largest = np.maximum(self.largest, np.sqrt((self.rows(heard) ** 2).sum(1)).max(0))
 
 

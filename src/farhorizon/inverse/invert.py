@@ -24,7 +24,7 @@ from farhorizon.inverse.medium import constants_at_nodes, rule_of
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.smoothing import Smoothing, roughness
 from farhorizon.machine import progress as progress_line
-from farhorizon.simulation.course import checked_end
+from farhorizon.simulation.outer_loop import checked_end
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 

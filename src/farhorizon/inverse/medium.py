@@ -14,7 +14,7 @@ from farhorizon.inverse.patch import Patch
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.host import constants_of
+from farhorizon.simulation.reference_medium import constants_of
 from farhorizon.simulation.setup import Setup
 
 _STEP = 1e-20  # of the complex-step derivative, relative to a value: no difference is taken, so nothing cancels
@@ -53,7 +53,7 @@ class Medium:
         self._arms = arms_of(scale * weights[ahead])
         of_bonds = near.model.beside(values).times(near.coefficient).of_bonds
         self._factor = np.ones(patch.places) if of_bonds is None else patch.over(of_bonds)
-        self._exists = patch.exists(setup, parts.around.sides)
+        self._exists = patch.exists(setup, parts.layered.sides)
         self._begins = self._exists * ~patch.copies
         self._lost = patch.lost(setup, offsets[ahead])
         self._rule = RULES[rule_of(setup) if states is None else "arithmetic"]

@@ -260,7 +260,9 @@ class RungeKuttaChebyshev(Storable):
     outruns = True  # stable steps may be much longer than those that follow the field
 
     def __post_init__(self) -> None:
-        kinds.settle(self, chebyshev=kinds.integer(self.chebyshev, "model.integrator.chebyshev", least=2, most=1000))
+        kinds.set_fields(
+            self, chebyshev=kinds.integer(self.chebyshev, "model.integrator.chebyshev", least=2, most=1000)
+        )
 
     @classmethod
     def for_step(cls, dt: float, largest: float) -> RungeKuttaChebyshev:

@@ -71,7 +71,7 @@ class Kernel(Storable):
     calibrate: bool = True
 
     def __post_init__(self) -> None:
-        kinds.settle(
+        kinds.set_fields(
             self,
             horizon=kinds.number(self.horizon, "kernel.horizon", above=0),
             exponent=kinds.integer(self.exponent, "kernel.exponent", least=0, most=3),

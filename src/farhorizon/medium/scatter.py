@@ -64,7 +64,7 @@ class Weibull(Storable):
 
     def __post_init__(self) -> None:
         positive = {name: kinds.number(getattr(self, name), name, above=0) for name in ("scale", "modulus", "cell")}
-        kinds.settle(self, **positive, seed=kinds.integer(self.seed, "seed", least=0))
+        kinds.set_fields(self, **positive, seed=kinds.integer(self.seed, "seed", least=0))
 
     def __call__(self, *at: Any) -> Any:
         """The values at coordinates, of their common shape."""

@@ -205,7 +205,7 @@ class Elastic(LatticeModel):
                 key=f"model.{uneven[0]}",
                 remedy='material = "bond-based", "state-based" or "correspondence" with a kernel; the density may vary',
             )
-        self._settle()
+        self._set_derived()
 
     mechanical = True
 
@@ -367,7 +367,7 @@ class Elastic(LatticeModel):
         with np.errstate(divide="ignore"):  # bonds without stiffness never break
             return np.sqrt(self.fracture_energy * strength / (of_one * np.asarray(stiffness, float)))
 
-    def _settle(self) -> None:
+    def _set_derived(self) -> None:
         """Compute all constants from those that are given."""
         given = self._given_moduli
         if self.uneven:
@@ -401,7 +401,7 @@ class Elastic(LatticeModel):
         model.density = constants.get("density", self.density)
         for name, value in self._strength.items():
             setattr(model, name, constants.get(name, value))
-        model._settle()
+        model._set_derived()
         return model
 
     @classmethod

@@ -57,9 +57,9 @@ class Thermoelastic(LatticeModel):
     :math:`T_0 \beta^2 / (\rho c\,(\lambda + 2 \mu))`, a percent or so in metals. On the lattice, mechanical energy and
     the energy of the temperature, ``rho c (T - T0)^2 / 2 T0``, are exchanged exactly to rounding error
     (`farhorizon.simulation.heat_of_deformation`). Through a `LatticePML` or an `Extended` domain shared by both fields
-    on a side, they continue together (`farhorizon.simulation.warm_sides`), provided that the heat is integrated by the
-    forward Euler method. Next to other absorbing sides and clamped sides, the solid must be at the reference
-    temperature, and with `coupled` the expansion is tapered smoothly to zero.
+    on a side, they continue together (`farhorizon.simulation.thermoelastic_sides`), provided that the heat is
+    integrated by the forward Euler method. Next to other absorbing sides and clamped sides, the solid must be at the
+    reference temperature, and with `coupled` the expansion is tapered smoothly to zero.
 
     Examples
     --------

@@ -9,47 +9,47 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from farhorizon.boundaries import Closure, ExactEnds, Side
+from farhorizon.boundaries import ExactEnds, OutlineCondition, Side
 from farhorizon.engine.settings import set_drag
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.exterior import Exterior, changes
 from farhorizon.inputs.incidence import Incidence
-from farhorizon.inputs.outside import Beyond, changes
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
-from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
-from farhorizon.simulation.drives import (
+from farhorizon.simulation.extension import Emitters, extend
+from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
+from farhorizon.simulation.laws import of_field
+from farhorizon.simulation.layered_sides import LayeredSides, by_target, check_memory
+from farhorizon.simulation.layers import undesigned, with_one_filter
+from farhorizon.simulation.near_field import NearField, extremes_of, near_field
+from farhorizon.simulation.of_field import field_source_terms
+from farhorizon.simulation.outline_condition import exact_ends_of, outline_condition
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.reference_medium import node_factor, reference_and_variation, varied
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.source_terms import (
     Arriving,
-    Drive,
-    Drives,
+    SourceTerm,
+    SourceTerms,
     check_signals,
     given,
     incidence,
     incident_waves,
     jumps,
     signals,
-    split_drives,
+    split_source_terms,
 )
-from farhorizon.simulation.extension import Emitters, extend
-from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
-from farhorizon.simulation.host import looked_at, node_factor, varied
-from farhorizon.simulation.laws import of_field
-from farhorizon.simulation.layers import undesigned, with_one_filter
-from farhorizon.simulation.near_field import NearField, extremes_of, near_field
-from farhorizon.simulation.of_field import field_drives
-from farhorizon.simulation.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.share import Share, check_choosable, check_shareable, share_of
-from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, check_range, drifting, own_step, start_of
 from farhorizon.simulation.stiffening import least_stiffening, stiffening
-from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
-from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
-from farhorizon.simulation.team import ALONE, Team
+from farhorizon.simulation.subdomain import Subdomain, check_choosable, check_divisible, subdomain_of
+from farhorizon.simulation.surfaces import check_conditions, hold_and_damp
+from farhorizon.simulation.thermoelastic_sides import heat_front, thermoelastic_margins, thermoelastic_sides
 from farhorizon.simulation.validation import check_entrances, check_model, check_repeats, check_stencil, check_variation
-from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_sides
 
 T = TypeVar("T")
 
@@ -73,13 +73,13 @@ class Whole:
     ----------
     near : NearField
     sides : dict of (axis, side) to Side
-    team : Team
+    team : ProcessGroup
         The processes, which call methods jointly.
     """
 
     near: NearField
     sides: Sides
-    team: Team = ALONE
+    team: ProcessGroup = ALONE
 
     def numbers(self, inside: np.ndarray, part: Lattice) -> np.ndarray:
         """Return the flat indices in the whole lattice, in order, of the nodes of a mask of which each process has its
@@ -97,19 +97,19 @@ class Parts:
     Attributes
     ----------
     near : NearField
-    around : Surroundings
+    layered : LayeredSides
     autos : dict of (axis, side) to Side
         The sides that leave the choice between a layer, which they are until the length of the run is known, and an
         extended domain.
-    beyond : Beyond
+    exterior : Exterior
         Checks of data and sources beyond absorbing sides; its `notes` are those of the set-up.
     start : Start
-    drives : Drives
+    source_terms : SourceTerms
     emitters : Emitters
     grid : Grid
     phases : SolidAndLiquid or None
         The phases of a corrosion.
-    closure : Closure or None
+    closure : OutlineCondition or None
         The conditions along the outline of the near field.
     cuts : CutBonds
     breaking : Breaking or None
@@ -118,35 +118,35 @@ class Parts:
         Places in a level whose values never change.
     ends : ExactEnds or None
     incident : list of Incidence
-    driving : list of Drive
+    active_terms : list of SourceTerm
         All that drives the near field: sources and loads, conditions, incident waves, what depends on the field.
-    of_field : list of (str, Drive)
+    of_field : list of (str, SourceTerm)
         The latter, with their names.
     whole : Whole
         The near field with its sides; on several processes, the parts given to recorders have that of all processes.
-    warm : frozenset of (axis, side)
+    thermoelastic : frozenset of (axis, side)
         The sides beyond which a temperature continues with the displacements.
     """
 
     near: NearField
-    around: Surroundings
+    layered: LayeredSides
     autos: dict[Key, Side]
-    beyond: Beyond
+    exterior: Exterior
     start: Start
-    drives: Drives
+    source_terms: SourceTerms
     emitters: Emitters
     grid: Grid
     phases: SolidAndLiquid | None
-    closure: Closure | None
+    closure: OutlineCondition | None
     cuts: CutBonds
     breaking: Breaking | None
     held: np.ndarray
     ends: ExactEnds | None
     incident: list[Incidence]
-    driving: list[Drive]
-    of_field: list[tuple[str, Drive]]
+    active_terms: list[SourceTerm]
+    of_field: list[tuple[str, SourceTerm]]
     whole: Whole
-    warm: frozenset[Key]
+    thermoelastic: frozenset[Key]
 
     def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Return values at some nodes, on all processes, each of which has the values of its part.
@@ -181,7 +181,7 @@ class Survey:
     autos : dict of (axis, side) to Side
         As in `Parts`.
     near : NearField
-    around : Surroundings
+    layered : LayeredSides
     waves : list of Arriving
     sources : list of (str, source)
         Sources, each with its name in messages.
@@ -190,15 +190,21 @@ class Survey:
     setup: Setup
     autos: dict[Key, Side]
     near: NearField
-    around: Surroundings
+    layered: LayeredSides
     waves: list[Arriving]
     sources: list[tuple[str, Any]]
 
 
-def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Survey:
+def survey(
+    whole: Setup, stiffer: float = 1.0, team: ProcessGroup = ALONE, subdomain: Subdomain | None = None
+) -> Survey:
     """Determine the medium, the sides and the sources of a set-up; see `assemble`."""
-    setup, variation = varied(whole) if share is None else (share.host.uniform(whole), share.host.beside(whole))
-    of_whole = None if share is None else share.whole
+    setup, variation = (
+        varied(whole)
+        if subdomain is None
+        else (subdomain.reference_medium.uniform(whole), subdomain.reference_medium.variation_of(whole))
+    )
+    of_whole = None if subdomain is None else subdomain.whole
     lattice, model = setup.lattice, setup.model
     autos = {key: b for key, b in setup.sides.items() if b.undecided}
     sides = setup.sides | {key: b.as_layer(None, model.target) for key, b in autos.items()}
@@ -213,7 +219,7 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
     check_entrances(whole, sides, stencil)
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     check_signals(setup, near)
-    waves = incident_waves(setup, near, sides if share is None else share.sides, _cuts(setup), team)
+    waves = incident_waves(setup, near, sides if subdomain is None else subdomain.sides, _cuts(setup), team)
     sources = given(setup, near, sides)
     return Survey(setup, autos, near, _with_layers(setup, near, sides), waves, sources)
 
@@ -225,27 +231,27 @@ def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Pa
     )
 
 
-def assemble_shared(
-    setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]
-) -> tuple[Share, Whole, Parts]:
+def assemble_subdomain(
+    setup: Setup, team: ProcessGroup, topology: Sequence[int] | None, observers: Sequence[Any]
+) -> tuple[Subdomain, Whole, Parts]:
     """Return the share of this process in a run, the whole for recorders, and the parts; see `assemble`, `shared`."""
-    check_shareable(setup, observers)
+    check_divisible(setup, observers)
     check_choosable(setup)
 
-    def built(stiffer: float) -> tuple[Share, Whole, Parts]:
-        share, whole = shared(setup, team, topology, stiffer)
-        return share, whole, assembled(share.setup, stiffer, team, share)
+    def built(stiffer: float) -> tuple[Subdomain, Whole, Parts]:
+        subdomain, whole = shared(setup, team, topology, stiffer)
+        return subdomain, whole, assembled(subdomain.setup, stiffer, team, subdomain)
 
     return _stiffened(setup, team, built, lambda found: found[2])
 
 
-def _stiffened(setup: Setup, team: Team, built: Callable[[float], T], parts_of: Callable[[T], Parts]) -> T:
+def _stiffened(setup: Setup, team: ProcessGroup, built: Callable[[float], T], parts_of: Callable[[T], Parts]) -> T:
     """Build a run, and build it again if it turns out to be stiffer than the medium.
 
     Parameters
     ----------
     setup : Setup
-    team : Team
+    team : ProcessGroup
     built : callable
         Builds it for a stiffening; of several processes all fail if one does.
     parts_of : callable
@@ -264,8 +270,8 @@ def _stiffened(setup: Setup, team: Team, built: Callable[[float], T], parts_of: 
 def assembled(
     whole: Setup,
     stiffer: float = 1.0,
-    team: Team = ALONE,
-    share: Share | None = None,
+    team: ProcessGroup = ALONE,
+    subdomain: Subdomain | None = None,
     margins_given: Mapping[Key, int] | None = None,
 ) -> Parts:
     """Return the parts of a run; cheap checks of the set-up come before expensive ones.
@@ -275,9 +281,9 @@ def assembled(
     whole : Setup
     stiffer : float
         Largest squared frequency over that of the medium with all its bonds: the `stiffening` of a trial.
-    team : Team
+    team : ProcessGroup
         The processes that compute the run.
-    share : Share, optional
+    subdomain : Subdomain, optional
         The share of this process; its set-up is `whole`.
     margins_given : mapping of (axis, side) to int, optional
         Nodes of the core beyond some sides of the near field, in place of those that are chosen.
@@ -287,55 +293,57 @@ def assembled(
     InputError
         Anything that cannot be computed.
     """
-    found = survey(whole, stiffer, team, share)
-    setup, near, sides = found.setup, found.near, found.around.sides
-    beyond = _look_beyond(found, team)
-    start = start_of(setup, near, sides, beyond)
+    found = survey(whole, stiffer, team, subdomain)
+    setup, near, sides = found.setup, found.near, found.layered.sides
+    exterior = _look_beyond(found, team)
+    start = start_of(setup, near, sides, exterior)
     check_range(start, setup.dtype, team)
-    beyond.notes.extend(drifting(near, sides, setup.dtype))
-    beyond.check_cracks(_cuts(setup), near.stencil.reach)
-    drives = split_drives(found.sources, near, beyond)
-    driving = drives.sources + [drive for _, drive in near.conditions.sources]
-    warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
-    everywhere = bool(found.waves or drives.unsplit or warm or of_field(setup))  # a hot spot may be anywhere
-    emitters = Emitters(near, sides, start, tuple(driving), everywhere, partial(heat_front, setup, warm))
-    around = extend(setup, found.around, emitters, beyond.notes)
+    exterior.notes.extend(drifting(near, sides, setup.dtype))
+    exterior.check_cracks(_cuts(setup), near.stencil.reach)
+    source_terms = split_source_terms(found.sources, near, exterior)
+    active_terms = source_terms.sources + [source_term for _, source_term in near.conditions.sources]
+    thermoelastic = frozenset() if subdomain is not None else thermoelastic_sides(setup, sides, near.dt)
+    everywhere = bool(
+        found.waves or source_terms.unsplit or thermoelastic or of_field(setup)
+    )  # a hot spot may be anywhere
+    emitters = Emitters(near, sides, start, tuple(active_terms), everywhere, partial(heat_front, setup, thermoelastic))
+    layered = extend(setup, found.layered, emitters, exterior.notes)
 
     states = states_of(setup, sides, near.variation.moduli is not None)
-    margins = _margins(found, around, start, states, warm, team) | dict(margins_given or {})
-    check_conditions(near, sides, margins, beyond.notes)
-    link, neighbours = (None, None) if share is None else (team.link, share.neighbours)
-    grid = make_grid(setup, near, around, margins, states, link, neighbours, bool(warm))
-    phases = _phases(setup, near, start, grid, driving)
-    closure = close(near, sides, grid, start.solid)
+    margins = _margins(found, layered, start, states, thermoelastic, team) | dict(margins_given or {})
+    check_conditions(near, sides, margins, exterior.notes)
+    link, neighbours = (None, None) if subdomain is None else (team.link, subdomain.neighbours)
+    grid = make_grid(setup, near, layered, margins, states, link, neighbours, bool(thermoelastic))
+    phases = _phases(setup, near, start, grid, active_terms)
+    closure = outline_condition(near, sides, grid, start.solid)
     free_rim = setup.lattice.body is not None and setup.rim == "free"
-    cuts = CutBonds(near, around, grid, closure, free_rim, beyond.notes)
+    cuts = CutBonds(near, layered, grid, closure, free_rim, exterior.notes)
     law = setup.model.bond_law
-    incident = [incidence(one, near, sides, beyond.notes) for one in found.waves]
-    beyond.notes.extend(own_step(setup, near, bool(incident or (near.varies and signals(setup)))))
+    incident = [incidence(one, near, sides, exterior.notes) for one in found.waves]
+    exterior.notes.extend(own_step(setup, near, bool(incident or (near.varies and signals(setup)))))
     regions = [one.region for one in incident]
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts, regions, team)
     if law is not None and law.nonlinear and incident:
-        beyond.notes.append(
+        exterior.notes.append(
             "an incident wave is one of linear bonds: with nonlinear ones a fraction of it about as large as its "
             "strain leaks from its box"
         )
     if breaking is not None and incident and not team.largest(float(np.prod(breaking.extent))):
-        beyond.notes.append("the boxes of the incident waves have no node in common, so no bond will break")
+        exterior.notes.append("the boxes of the incident waves have no node in common, so no bond will break")
     _set_engine(setup, grid, margins)
-    _cut(setup, cuts, breaking, beyond.notes)
-    held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
+    _cut(setup, cuts, breaking, exterior.notes)
+    held = hold_and_damp(near, layered, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
-    driving += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
-    of_the_field = field_drives(setup, near, sides, grid, team)
-    driving += [drive for _, drive in of_the_field]
+    active_terms += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
+    of_the_field = field_source_terms(setup, near, sides, grid, team)
+    active_terms += [source_term for _, source_term in of_the_field]
     return Parts(
         near,
-        around,
+        layered,
         found.autos,
-        beyond,
+        exterior,
         start,
-        drives,
+        source_terms,
         emitters,
         grid,
         phases,
@@ -345,53 +353,60 @@ def assembled(
         held,
         ends,
         incident,
-        driving,
+        active_terms,
         of_the_field,
-        Whole(near, around.sides),
-        warm,
+        Whole(near, layered.sides),
+        thermoelastic,
     )
 
 
-def _look_beyond(found: Survey, team: Team) -> Beyond:
+def _look_beyond(found: Survey, team: ProcessGroup) -> Exterior:
     """Prepare the checks beyond absorbing sides, with all notes so far and those on a medium that varies there."""
-    setup, near, around = found.setup, found.near, found.around
+    setup, near, layered = found.setup, found.near, found.layered
     lattice, stencil = setup.lattice, near.stencil
-    depth = around.depth(stencil, lattice.spacing, lattice.shape)
-    beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
-    beyond.notes += near.conditions.notes + around.doubts + jumps(setup, near)
+    depth = layered.depth(stencil, lattice.spacing, lattice.shape)
+    exterior = Exterior(lattice, layered.sides, setup.model.target, depth, near.closed, team.largest)
+    exterior.notes += near.conditions.notes + layered.doubts + jumps(setup, near)
     if near.growth:
-        beyond.notes.append(f"the medium grows by itself, e-fold in t = {1 / near.growth:.3g}, and so do all errors")
+        exterior.notes.append(f"the medium grows by itself, e-fold in t = {1 / near.growth:.3g}, and so do all errors")
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
     for values, called in ((near.factor, name), (near.density, "the density"), (lattice.existing, "the body")):
         if values is not None:
-            beyond.notes += changes(values.astype(float), called, beyond.targets, stencil.reach)
-    extended = [key for key in beyond.targets if around.sides[key].extended]  # bonds also break beyond these sides
+            exterior.notes += changes(values.astype(float), called, exterior.targets, stencil.reach)
+    extended = [key for key in exterior.targets if layered.sides[key].extended]  # bonds also break beyond these sides
     if near.variation.strength is not None and extended:
         strength = np.broadcast_to(near.variation.strength, lattice.shape).astype(float)
-        beyond.notes += changes(strength, "the critical stretch", extended, stencil.reach)
-    return beyond
+        exterior.notes += changes(strength, "the critical stretch", extended, stencil.reach)
+    return exterior
 
 
 def _margins(
-    found: Survey, around: Surroundings, start: Start, states: ForceStates | None, warm: frozenset[Key], team: Team
+    found: Survey,
+    layered: LayeredSides,
+    start: Start,
+    states: ForceStates | None,
+    thermoelastic: frozenset[Key],
+    team: ProcessGroup,
 ) -> dict[Key, int]:
     """Return the number of nodes of the core beyond each side of the near field."""
     setup, near = found.setup, found.near
     medium = [start.solid, *near.variation.of_waves]
     if setup.lattice.existing is not None:
         medium.append(setup.lattice.existing)
-    margins = choose_margins(near, around, (start.u, start.v), medium, _cuts(setup), states, team)
-    return margins | warm_margins(setup, warm, around)
+    margins = choose_margins(near, layered, (start.u, start.v), medium, _cuts(setup), states, team)
+    return margins | thermoelastic_margins(setup, thermoelastic, layered)
 
 
-def _phases(setup: Setup, near: NearField, start: Start, grid: Grid, driving: Sequence[Drive]) -> SolidAndLiquid | None:
+def _phases(
+    setup: Setup, near: NearField, start: Start, grid: Grid, active_terms: Sequence[SourceTerm]
+) -> SolidAndLiquid | None:
     """Return the phases of a corrosion, placed on the grid; None for other models."""
     if setup.model.dissolution is None:
         return None
     phases = SolidAndLiquid(grid, setup.model.dissolution, setup.background, start.solid)
     phases.start()
     if start.solid.any():
-        phases.refuse_wet(_acted_on(near, driving))
+        phases.refuse_wet(_acted_on(near, active_terms))
     return phases
 
 
@@ -422,22 +437,24 @@ def _cuts(setup: Setup) -> list[Cut]:
     return [crack.cut for crack in setup.cracks]
 
 
-def _with_layers(setup: Setup, near: NearField, sides: Sides) -> Surroundings:
+def _with_layers(setup: Setup, near: NearField, sides: Sides) -> LayeredSides:
     """Return the surroundings with layers; those that are to be chosen have a default number of nodes."""
-    around = by_target(setup, sides, near.continued, near.pace.sides)
-    layers = with_one_filter(around.layers, near.rate_limit, near.dt, near.lattice.dim)
-    return replace(around, layers=layers, undesigned=undesigned(near, sides))
+    layered = by_target(setup, sides, near.continued, near.contrast.sides)
+    layers = with_one_filter(layered.layers, near.rate_limit, near.dt, near.lattice.dim)
+    return replace(layered, layers=layers, undesigned=undesigned(near, sides))
 
 
-def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
+def _acted_on(near: NearField, active_terms: Sequence[SourceTerm]) -> np.ndarray:
     """Return the nodes on which a condition or a source acts, as a mask."""
     busy = near.conditioned
-    for space, _ in driving:
+    for space, _ in active_terms:
         busy |= False if space is None else space != 0
     return busy
 
 
-def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: float = 1.0) -> tuple[Share, Whole]:
+def shared(
+    setup: Setup, team: ProcessGroup, topology: Sequence[int] | None, stiffer: float = 1.0
+) -> tuple[Subdomain, Whole]:
     """Return the share of this process in a run, and the whole for recorders; `stiffer` as in `assembled`.
 
     No process evaluates the whole set-up.
@@ -447,13 +464,13 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     InputError
         The run is not possible on several processes.
     """
-    host, _ = looked_at(setup, team)
-    uniform = host.uniform(setup)
+    reference_medium, _ = reference_and_variation(setup, team)
+    uniform = reference_medium.uniform(setup)
     stencil = uniform.model.medium(setup.lattice.spacing, setup.lattice.dim)
     check_repeats(setup, setup.sides, stencil)
     held = tuple(one for one in setup.constraints if isinstance(one, Prescribed))
     bare = replace(uniform, initial={}, loads=(), coefficient=None, constraints=held)
-    extremes = extremes_of(setup, host, stencil, team, stiffer)
-    around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
+    extremes = extremes_of(setup, reference_medium, stencil, team, stiffer)
+    layered = by_target(uniform, setup.sides, stencil, extremes.contrast.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
-    return share_of(setup, host, around, near, team, topology), Whole(near, setup.sides, team)
+    return subdomain_of(setup, reference_medium, layered, near, team, topology), Whole(near, setup.sides, team)

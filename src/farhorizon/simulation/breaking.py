@@ -20,8 +20,8 @@ from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.overstretch import IntactMargin, intact_margin
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Key, Sides
-from farhorizon.simulation.team import ALONE, Team
 
 _ROUNDING = 1e-9
 _SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
@@ -48,7 +48,7 @@ class Breaking:
         Boxes of incident waves. The field is the total one inside them and the scattered one outside, so that bonds
         through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
         neither can break.
-    team : Team
+    team : ProcessGroup
         Processes that each have a part of the near field.
 
     Attributes
@@ -67,7 +67,7 @@ class Breaking:
         grid: Grid,
         cuts: CutBonds,
         regions: Sequence[Region] = (),
-        team: Team = ALONE,
+        team: ProcessGroup = ALONE,
     ) -> None:
         self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
         self.regions = regions

@@ -14,8 +14,8 @@ from farhorizon.errors import InputError
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.cuts import Bonds
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Sides
-from farhorizon.simulation.team import ALONE, Team
 
 GAPING, TOUCHING, WHOLE = range(3)  # states of a bond; whole ones are those that have not broken
 
@@ -30,10 +30,10 @@ class BrokenBonds:
         Its cracks that are open at the start have been cut.
     touching : bool
         Whether to find out which ends touch, as processes do together; otherwise all are taken as apart.
-    team : Team
+    team : ProcessGroup
     """
 
-    def __init__(self, breaking: Breaking, touching: bool, team: Team = ALONE) -> None:
+    def __init__(self, breaking: Breaking, touching: bool, team: ProcessGroup = ALONE) -> None:
         self.breaking, self.grid, self._touching = breaking, breaking.grid, touching
         engine, grid = self.grid.engine, self.grid
         engine.bonds.expect_cuts()
@@ -79,7 +79,7 @@ class BrokenBonds:
         table, level = engine.bonds.table, engine.current.reshape(count, -1)
         xi, other = table.table[bonds, :count].astype(float), places + table.places[bonds, 0]
         moved = (level[:, other] - level[:, places]).T.astype(float)
-        warm = (table.warmth[places] + table.warmth[other]) / 2
+        warm = (table.thermal_strain[places] + table.thermal_strain[other]) / 2
         return np.where((xi * moved).sum(1) / (xi**2).sum(1) <= warm, TOUCHING, GAPING)
 
     def keys(self, at: np.ndarray, bonds: np.ndarray) -> np.ndarray:
@@ -160,7 +160,7 @@ class InsulatedBonds:
         nodes = nodes - grid.first
         other, last = nodes + self._offsets[bonds], np.array(engine.core.nodes)
         kept = ((nodes >= 0) & (nodes < last)).all(1)
-        for (axis, side), boundary in heat.around.sides.items():
+        for (axis, side), boundary in heat.layered.sides.items():
             if not (boundary.periodic or boundary.shared):  # the medium beyond continues as it is
                 along = other[:, grid.lead + axis]
                 kept &= along >= 0 if side < 0 else along < last[grid.lead + axis]

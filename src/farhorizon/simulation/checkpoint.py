@@ -50,7 +50,7 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
     if parts.ends is not None:
         found["exact"] = parts.ends.names
     if parts.closure is not None:
-        found |= {"fringe": list(engine.fringe_history.shape), "update": parts.closure.mark()}
+        found |= {"fringe": list(engine.outline_history.shape), "update": parts.closure.mark()}
     if law is not None:
         found["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
     heat = setup.heat
@@ -84,7 +84,7 @@ def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
         more, meta["exact"] = parts.ends.save()
         arrays |= more
     if parts.closure is not None:
-        arrays["fringe"] = engine.fringe_history
+        arrays["fringe"] = engine.outline_history
     if engine.tables.stretches.memory.size:
         arrays["stretches"] = engine.tables.stretches.memory
     return arrays, meta
@@ -96,7 +96,7 @@ def take_whole(parts: Parts, arrays: Mapping[str, np.ndarray], meta: Mapping[str
     if parts.ends is not None:
         parts.ends.load(arrays, meta["exact"])
     if parts.closure is not None:
-        engine.fringe_history[...] = arrays["fringe"]
+        engine.outline_history[...] = arrays["fringe"]
     if engine.tables.stretches.memory.size:
         engine.tables.stretches.memory[...] = arrays["stretches"]
     for name, sums in parts_of_sums(engine).items():

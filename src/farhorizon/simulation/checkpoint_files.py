@@ -17,20 +17,20 @@ from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint, write_checkpoint
 from farhorizon.files.parts import folder_of
 from farhorizon.simulation.checkpoint import OF_A_BOX, Arrays, fingerprint
-from farhorizon.simulation.described import describe
-from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import check_alike
+from farhorizon.simulation.serialization import describe
+from farhorizon.simulation.time_loop import TimeLoop
 
 
 def write_state(
-    path: Path, march: March, step: int, arrays: Arrays, kept: Mapping[str, Any], given: Mapping[str, Any]
+    path: Path, time_loop: TimeLoop, step: int, arrays: Arrays, kept: Mapping[str, Any], given: Mapping[str, Any]
 ) -> None:
     """Write the state of a run.
 
     Parameters
     ----------
     path : Path
-    march : March
+    time_loop : TimeLoop
     step : int
     arrays : mapping of str to ndarray
         Further arrays to store; on several processes the same on all.
@@ -39,10 +39,10 @@ def write_state(
     given : mapping
         Arguments of the run; on several processes, the sides as chosen.
     """
-    team, folder = march.team, folder_of(path)
+    team, folder = time_loop.team, folder_of(path)
     team.alike({"path": path})
-    mine, meta = march.state(step)
-    meta |= {"fingerprint": facts_of(march), **kept}
+    mine, meta = time_loop.state(step)
+    meta |= {"fingerprint": facts_of(time_loop), **kept}
     if team:
         team.by_first(lambda: folder.mkdir(exist_ok=True))
         with team.agreed():
@@ -61,7 +61,7 @@ def write_state(
     team.by_first(conclude)
 
 
-def read_state(path: Path, march: March) -> tuple[int, Arrays, dict[str, Any]]:
+def read_state(path: Path, time_loop: TimeLoop) -> tuple[int, Arrays, dict[str, Any]]:
     """Restore the state stored in a checkpoint, whichever processes wrote it; return its step, and the further arrays
     and metadata.
 
@@ -70,17 +70,17 @@ def read_state(path: Path, march: March) -> tuple[int, Arrays, dict[str, Any]]:
     FileFormatError
         The file is damaged, belongs to another set-up, or lacks a part.
     """
-    with march.team.agreed():
+    with time_loop.team.agreed():
         arrays, meta = read_checkpoint(path)
-        march.team.alike({"path": [meta, arrays]})
-        check_alike(path, meta, facts_of(march), OF_A_BOX if march.team or len(meta["boxes"]) > 1 else ())
-        if not march.take(_states_in(path, arrays, meta, march.box), meta):
+        time_loop.team.alike({"path": [meta, arrays]})
+        check_alike(path, meta, facts_of(time_loop), OF_A_BOX if time_loop.team or len(meta["boxes"]) > 1 else ())
+        if not time_loop.take(_states_in(path, arrays, meta, time_loop.box), meta):
             raise FileFormatError(
                 "the parts of the checkpoint do not fit together, or to this run",
                 value=str(path),
                 remedy="use the folder that the run has written beside the file, or start anew",
             )
-    march.complete()
+    time_loop.complete()
     return int(meta["step"]), arrays, meta
 
 
@@ -98,10 +98,13 @@ def _states_in(path: Path, arrays: Arrays, meta: Mapping[str, Any], own: Box) ->
         yield box, arrays if len(boxes) == 1 else read_checkpoint(part)[0]
 
 
-def facts_of(march: March) -> dict[str, Any]:
+def facts_of(time_loop: TimeLoop) -> dict[str, Any]:
     """Return what a checkpoint and the run that resumes from it must have in common."""
-    found, whole = fingerprint(march.setup, march.parts, march.first_cuts), march.parts.near.lattice.whole
-    ends = march.team.gather([end for _, end in march.box])
+    found, whole = (
+        fingerprint(time_loop.setup, time_loop.parts, time_loop.first_cuts),
+        time_loop.parts.near.lattice.whole,
+    )
+    ends = time_loop.team.gather([end for _, end in time_loop.box])
     return found | {
         "box": [max(one[a] for one in ends) for a in range(3)],
         "whole": list(whole.shape),

@@ -12,7 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.breaking import Breaking
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Arrays, Recorder, RecordRequest, StepValues, recorder_name
 from farhorizon.simulation.setup import Setup
 
 _JUMP = 2.0  # horizon + distance of the fastest wave between records, times this: tips farther apart are different
@@ -145,7 +145,7 @@ class CrackTips(Recorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near = parts.near
         self._axes = [axis for axis, n in enumerate(near.lattice.whole.shape) if n > 1]
         if len(self._axes) != 2 or parts.breaking is None:
@@ -165,15 +165,15 @@ class CrackTips(Recorder):
         self._window = _WINDOW * self._horizon / float(fast)
         self._reach = _JUMP * (self._horizon + float(fast) * self.every * near.dt)
         self.notes = []
-        return Wanted(np.zeros(0, np.int64), (), self.every, stop=True)
+        return RecordRequest(np.zeros(0, np.int64), (), self.every, stop=True)
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         self._given, self._steps, self._places, self._sums = 0, [], [], []
         self._last = self._nowhere
         self._look(step)
 
-    def add(self, step: int, heard: Heard) -> None:
-        last = step + len(heard.nodes) - 1
+    def add(self, step: int, step_values: StepValues) -> None:
+        last = step + len(step_values.nodes) - 1
         if last % self.every == 0:
             self._look(last)
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from farhorizon.boundaries import Closure
+from farhorizon.boundaries import OutlineCondition
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.cracks import Crack, cut_bonds
 from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.layered_sides import LayeredSides
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, side_name
-from farhorizon.simulation.surroundings import Surroundings
 
 # nodes, the neighbours at the other ends of their bonds, and the weights that these bonds lose
 Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -28,9 +28,9 @@ class CutBonds:
     Attributes
     ----------
     near : NearField
-    around : Surroundings
+    layered : LayeredSides
     grid : Grid
-    closure : Closure or None
+    closure : OutlineCondition or None
     free_rim : bool
         Whether bonds to nodes outside a body are absent.
     notes : list of str
@@ -38,9 +38,9 @@ class CutBonds:
     """
 
     near: NearField
-    around: Surroundings
+    layered: LayeredSides
     grid: Grid
-    closure: Closure | None
+    closure: OutlineCondition | None
     free_rim: bool
     notes: list[str]
     _known: dict[int, tuple[Crack, list[Bonds]]] = field(default_factory=dict, init=False)
@@ -63,7 +63,7 @@ class CutBonds:
         order = np.argsort(-size, kind="stable")  # where two cracks cross a bond, the one that removes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
-        bare = self.free_rim or not all(b.bonded for b in self.around.sides.values())
+        bare = self.free_rim or not all(b.bonded for b in self.layered.sides.values())
         engine.absent.set(
             nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None
         )
@@ -104,10 +104,10 @@ class CutBonds:
         core = np.ones(engine.core.nodes)
         if body and lattice.existing is not None:
             core = self.grid.grown(lattice.existing.astype(float))
-        beyond = {key: 0.0 for key, b in self.around.sides.items() if not b.bonded}
+        beyond = {key: 0.0 for key, b in self.layered.sides.items() if not b.bonded}
         return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.body is not None) > 0.5
 
-    def _beyond_halo(self, closure: Closure) -> list[Bonds]:
+    def _beyond_halo(self, closure: OutlineCondition) -> list[Bonds]:
         """Return the bonds that lead from the near field beyond a halo thinner than the reach of the stencil."""
         engine, block = self.grid.engine, self.grid.engine.core
         at_rest = self.grid.keyed(dict.fromkeys(closure.outline.sides, 0.0))
@@ -127,7 +127,7 @@ class CutBonds:
         Beyond other sides it is cut as given.
         """
         lattice, crossed = self.near.lattice, []
-        for (axis, side), boundary in self.around.sides.items():
+        for (axis, side), boundary in self.layered.sides.items():
             edge = (lattice.lower, lattice.upper)[(side + 1) // 2][axis]
             end = cut.bounds()[(side + 1) // 2][axis]
             if side * (end - edge) > 1e-9 * lattice.spacing and boundary.cracks not in ("end", "repeat"):
@@ -150,7 +150,7 @@ class CutBonds:
         places = np.zeros(1, np.int64)
         rest, last = nodes.copy(), np.ones(len(nodes), bool)
         for axis, side in keys:
-            count, columns = block.nodes[lead + axis], self.around.layers[axis, side].columns
+            count, columns = block.nodes[lead + axis], self.layered.layers[axis, side].columns
             beyond = (count if side > 0 else -columns) + np.arange(columns)
             places = np.add.outer(places, beyond * strides[axis]).ravel()
             rest[:, axis] = 0
@@ -176,7 +176,7 @@ class CutBonds:
             there = nodes[:, axis] == (count - 1 - column if side > 0 else column)
             if {tuple(row) for row in rows[there].tolist()} != continued:
                 raise self._oblique(cut, key)
-        spacing, columns = self.near.lattice.spacing, self.around.layers[key].columns
+        spacing, columns = self.near.lattice.spacing, self.layered.layers[key].columns
         shape = list(self.grid.engine.core.nodes[self.grid.lead :])
         origin = self.grid.origin.copy()
         origin[axis] += spacing * (shape[axis] if side > 0 else -columns)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.simulation.described import arguments_of
+from farhorizon.simulation.serialization import arguments_of
 
 _ATOMS = (type(None), bool, int, float, complex, str, bytes, PurePath)
 

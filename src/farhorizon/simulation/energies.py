@@ -68,7 +68,7 @@ def energies(
         ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
     strain = _shown(near, grid, _strain(near, sides, grid, u, old, rim_held))
-    if engine.tables.heat.warmth.size and not cold:  # the mixed and the purely thermal terms
+    if engine.tables.heat.thermal_strain.size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
         strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))

@@ -11,11 +11,11 @@ import numpy as np
 from farhorizon.analysis.extent import Datum, Extent, Waves, extent, largest
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
-from farhorizon.simulation.drives import Drive
+from farhorizon.simulation.layered_sides import LayeredSides, enlarged, memory_needed, too_large
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.source_terms import SourceTerm
 from farhorizon.simulation.start import Start
-from farhorizon.simulation.surroundings import Surroundings, enlarged, memory_needed, too_large
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Emitters:
     near : NearField
     sides : dict of (axis, side) to Side
     start : Start
-    drives : sequence of Drive
+    source_terms : sequence of SourceTerm
     everywhere : bool
         Whether waves may start anywhere, because some source does not split into space and time.
     front : callable
@@ -38,7 +38,7 @@ class Emitters:
     near: NearField
     sides: Sides
     start: Start
-    drives: Sequence[Drive]
+    source_terms: Sequence[SourceTerm]
     everywhere: bool
     front: Callable[[float, float], int]
 
@@ -97,7 +97,7 @@ class Emitters:
         size 1.
         """
         near, lattice, waves = self.near, self.near.lattice, self.near.model.order == 2
-        busy = near.busy | (self.everywhere or any(space is None for space, _ in self.drives))
+        busy = near.busy | (self.everywhere or any(space is None for space, _ in self.source_terms))
         for (axis, side), boundary in self.sides.items():
             if boundary.held is not None and boundary.held != near.background:
                 np.moveaxis(busy, axis, 0)[0 if side < 0 else -1] = True
@@ -107,7 +107,7 @@ class Emitters:
             ("u", busy.astype(float), np.zeros(0)),
         ]
         times = near.dt * np.arange(medium.steps if waves else 0)
-        for space, time in self.drives:
+        for space, time in self.source_terms:
             if space is not None:
                 course = np.array([float(time(t)) for t in times])
                 data.append(("source" if waves else "u", space * near.model.source_factor, course))
@@ -118,7 +118,7 @@ class Emitters:
         return found or [Datum(np.ones(lattice.shape), "u")]
 
 
-def extend(setup: Setup, around: Surroundings, emitters: Emitters, notes: list[str]) -> Surroundings:
+def extend(setup: Setup, layered: LayeredSides, emitters: Emitters, notes: list[str]) -> LayeredSides:
     """Choose how far the medium is computed beyond the sides that extend it, and assess numbers of nodes that are given
     together with a target: `notes` receives warnings.
 
@@ -128,7 +128,7 @@ def extend(setup: Setup, around: Surroundings, emitters: Emitters, notes: list[s
         The domain does not fit into memory.
     """
     near = emitters.near
-    extended = {key: b for key, b in around.sides.items() if b.extended}
+    extended = {key: b for key, b in layered.sides.items() if b.extended}
     given = {key: b for key, b in extended.items() if b.nodes is not None}
     extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in given.items()}
     wanted = {key: b.wanted(near.model.target) for key, b in extended.items() if key not in given}
@@ -137,7 +137,7 @@ def extend(setup: Setup, around: Surroundings, emitters: Emitters, notes: list[s
         extents |= emitters.extents_for(wanted, max(lengths))
     doubts = _too_near({key: b for key, b in given.items() if b.target and b.until}, emitters)
     notes += doubts
-    found = replace(around, extents=extents, doubts=around.doubts + doubts)
+    found = replace(layered, extents=extents, doubts=layered.doubts + doubts)
     if extended and memory_needed(setup, near.stencil, found) > available_memory():
         nodes = {key: one.nodes for key, one in extents.items()}
         raise too_large(near.lattice.shape, nodes, near.stencil.components, np.dtype(setup.dtype).itemsize)

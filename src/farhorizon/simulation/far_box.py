@@ -16,10 +16,10 @@ from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Incident
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.drives import scheme_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.recorder import size_of_record
 from farhorizon.simulation.setup import Setup, side_name
+from farhorizon.simulation.source_terms import scheme_of
 
 _TIMES = 33  # times at which sources that do not split into space and time are sampled
 _LARGE = 2**28  # size of a history in bytes above which there is a note
@@ -154,7 +154,7 @@ def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> li
     for one in parts.incident:
         _check_incident(one.wave, box, reach)
     values = [("initial.u", parts.start.u), ("initial.v", parts.start.v)]
-    values += [("source", space) for space, _ in parts.drives.sources if space is not None]
+    values += [("source", space) for space, _ in parts.source_terms.sources if space is not None]
     outside = ~_core(parts, box, reach)
     return [note for key, one in values for note in _missed(parts, np.abs(one), outside, key)]
 
@@ -202,7 +202,7 @@ def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tup
 def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> list[str]:
     """Check sources that do not split into space and time as `check_outside` does, at equidistant times of a run."""
     outside, notes = ~_core(parts, box, reach), []
-    for space, source in parts.drives.sources:
+    for space, source in parts.source_terms.sources:
         if space is None:
             values = [np.broadcast_to(np.abs(source(t)), parts.near.field_shape) for t in np.linspace(0, until, _TIMES)]
             notes += _missed(parts, np.max(values, axis=0), outside, "source")

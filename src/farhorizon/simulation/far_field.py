@@ -29,7 +29,6 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.course import checked_end, warn
 from farhorizon.simulation.far_arrivals import FarArrivals
 from farhorizon.simulation.far_box import (
     check_history,
@@ -45,7 +44,16 @@ from farhorizon.simulation.far_box import (
     steps_between_samples,
 )
 from farhorizon.simulation.fourier_sums import SampledSums
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, check_from_start, recorder_name
+from farhorizon.simulation.outer_loop import checked_end, warn
+from farhorizon.simulation.recorder import (
+    Arrays,
+    Recorder,
+    RecordRequest,
+    StepValues,
+    check_begun,
+    check_from_start,
+    recorder_name,
+)
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.steps import last_step
 
@@ -151,7 +159,7 @@ class FarField(Recorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near = parts.whole.near
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)
@@ -172,7 +180,7 @@ class FarField(Recorder):
         self._incident: list[tuple[Any, Region]] = [(one.wave, one.region) for one in parts.incident]
         nodes = np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape)
         check_window(parts, nodes, self._faces)
-        return Wanted(nodes, ())
+        return RecordRequest(nodes, ())
 
     def foresee(self, until: float, steps: int) -> None:
         """Check, before a run to a given time, sources that do not split into space and time, and memory.
@@ -191,15 +199,15 @@ class FarField(Recorder):
         """How many numbers are recorded in a step."""
         return self._scheme.stencil.components * len(self._shell.nodes)
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         check_from_start(step, "a far field", "far_field")
         self._rows: list[np.ndarray] = []
         self._sums = SampledSums(self.frequencies, self._scheme.dt, self._every, self._count)
         self._steps, self._largest, self._last = -1, 0.0, 0.0
-        self.add(0, Heard(heard.nodes[-1:], ()))
+        self.add(0, StepValues(step_values.nodes[-1:], ()))
 
-    def add(self, step: int, heard: Heard) -> None:
-        rows = np.array(heard.nodes.swapaxes(1, 2).reshape(len(heard.nodes), -1), float)
+    def add(self, step: int, step_values: StepValues) -> None:
+        rows = np.array(step_values.nodes.swapaxes(1, 2).reshape(len(step_values.nodes), -1), float)
         if self.history:
             self._rows.append(rows)
         if self.frequencies.size:

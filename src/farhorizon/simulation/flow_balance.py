@@ -13,15 +13,15 @@ from farhorizon.engine.settings import record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
-from farhorizon.simulation.drives import Drive
-from farhorizon.simulation.feed import Batch, Feed
 from farhorizon.simulation.flux import check_drift
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.of_field import Conduction
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
-from farhorizon.simulation.team import ALONE, Team
+from farhorizon.simulation.source_table import Batch, SourceTable
+from farhorizon.simulation.source_terms import SourceTerm
 
 
 class FlowBalance:
@@ -36,12 +36,12 @@ class FlowBalance:
     grid : Grid
     phases : SolidAndLiquid or None
     ends : ExactEnds or None
-    feed : Feed
+    source_table : SourceTable
     sources : int
         Number of drives that are sources; conditions follow them.
-    more : sequence of (str, Drive)
+    more : sequence of (str, SourceTerm)
         What depends on the field, which follows the sources and conditions, by name.
-    team : Team
+    team : ProcessGroup
         The processes that compute the run; each counts the flow into the nodes of its box.
 
     Attributes
@@ -67,10 +67,10 @@ class FlowBalance:
         grid: Grid,
         phases: SolidAndLiquid | None,
         ends: ExactEnds | None,
-        feed: Feed,
+        source_table: SourceTable,
         sources: int,
-        team: Team = ALONE,
-        more: Sequence[tuple[str, Drive]] = (),
+        team: ProcessGroup = ALONE,
+        more: Sequence[tuple[str, SourceTerm]] = (),
     ) -> None:
         if near.model.order != 1:
             raise InputError(
@@ -80,7 +80,14 @@ class FlowBalance:
                 remedy="leave it out: the energy is recorded without it",
             )
         check_drift(near, "balance")
-        self.near, self.sides, self.grid, self.phases, self.ends, self.feed = near, sides, grid, phases, ends, feed
+        self.near, self.sides, self.grid, self.phases, self.ends, self.source_table = (
+            near,
+            sides,
+            grid,
+            phases,
+            ends,
+            source_table,
+        )
         self._setup, self._team = setup, team
         outer = [side_name(*key) for key, side in sides.items() if not (side.periodic or side.shared)]
         every = [name for one in team.gather(outer) for name in one]
@@ -88,11 +95,13 @@ class FlowBalance:
         self._owners = [f"source[{i}]" for i in range(sources)]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
         self._owners += [name for name, _ in more]
-        self._conductions = {name: drive for name, (_, drive) in more if isinstance(drive, Conduction)}
+        self._conductions = {
+            name: source_term for name, (_, source_term) in more if isinstance(source_term, Conduction)
+        }
         self._prescribing = [i for i, one in enumerate(setup.constraints) if isinstance(one, Prescribed)]
         self._holding = near.prescribed.holding(0)
         self._open()
-        self.powers = np.zeros(len(feed.drives))
+        self.powers = np.zeros(len(source_table.source_terms))
         self.first = team.total(self._amounts())
 
     def reopen(self) -> None:
@@ -209,7 +218,7 @@ class FlowBalance:
             :, self._free.ravel()[batch.places]
         ].sum(1)
         row, samples = 0, len(self.near.model.integrator.source_samples(self.near.dt)[0])
-        for number, (space, _) in enumerate(self.feed.drives):
+        for number, (space, _) in enumerate(self.source_table.source_terms):
             count = samples if space is None else 1
             self.powers[number] += totals[row : row + count].sum()
             row += count

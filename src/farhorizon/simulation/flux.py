@@ -86,15 +86,15 @@ def _fitted(
 ) -> np.ndarray:
     """Flux at the nodes of a mask from all existing bonds, normalised by their second moments; shape (dim, nodes)."""
     dim, count = u.ndim, int(where.sum())
-    moment, drive = np.zeros((count, dim, dim)), np.zeros((count, dim))
+    moment, source_term = np.zeros((count, dim, dim)), np.zeros((count, dim))
     for number, offset in enumerate(offsets):
         factor = bonds(number)
         moment += (weights[number] * (factor[where] > 0))[:, None, None] * np.outer(offset, offset)
-        drive += (weights[number] * _gains(u, offset, factor)[where])[:, None] * offset
+        source_term += (weights[number] * _gains(u, offset, factor)[where])[:, None] * offset
     conductivity = 0.5 * (weights[:, None] * offsets**2).sum(0)
     sound = np.linalg.svd(moment, compute_uv=False)[:, -1] > _SINGULAR * conductivity.max()
     slope = np.full((count, dim), np.nan)
-    slope[sound] = np.linalg.solve(moment[sound], drive[sound][..., None])[..., 0] / spacing
+    slope[sound] = np.linalg.solve(moment[sound], source_term[sound][..., None])[..., 0] / spacing
     return -(conductivity * slope).T
 
 
@@ -216,7 +216,7 @@ def bonds_left(engine: Engine, nodes: np.ndarray, others: np.ndarray, weight: np
     Where forces follow from states, a bond and its spring are either present or absent.
     """
     of_states, exists = engine.passes is not None, engine.absent.exists
-    cuts = engine.tables.gather.cuts if of_states else engine.tables.cuts
+    cuts = engine.tables.gradient_pass.cuts if of_states else engine.tables.cuts
     cut, at = is_cut(cuts, engine.layout.size, nodes, others)
     lost = cut.astype(float)
     if cut.any() and not of_states:

@@ -20,10 +20,10 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.layered_sides import LayeredSides
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
-from farhorizon.simulation.surroundings import Surroundings
-from farhorizon.simulation.team import ALONE, Team
 
 _FAINT = 1e-11  # share of the data that may touch a layer without a target, whose error may be as small as rounding
 
@@ -134,12 +134,12 @@ def states_of(setup: Setup, sides: Sides, varies: bool) -> ForceStates | None:
 
 def choose_margins(
     near: NearField,
-    around: Surroundings,
+    layered: LayeredSides,
     data: Sequence[np.ndarray],
     medium: Sequence[np.ndarray],
     cuts: Sequence[Cut],
     states: ForceStates | None,
-    team: Team = ALONE,
+    team: ProcessGroup = ALONE,
 ) -> dict[Key, int]:
     """Choose the number of nodes of the core beyond the near field: a sponge, unstretched nodes in front of a layer, or
     nodes of the medium beyond a fixed side that have states.
@@ -150,20 +150,20 @@ def choose_margins(
     Parameters
     ----------
     near : NearField
-    around : Surroundings
+    layered : LayeredSides
     data : sequence of ndarray
         Initial data.
     medium : sequence of ndarray
         All that must not change along the normal: varying constants, a body, the phases of a corrosion.
     cuts : sequence of Cut
     states : ForceStates or None
-    team : Team
+    team : ProcessGroup
         Processes that have parts of the near field: those at the same side have equally many nodes there.
     """
     lattice, margins = near.lattice, {}
     peaks = [team.largest(float(np.abs(f).max())) for f in map(near.size, data)]
-    for (axis, side), boundary in around.sides.items():
-        margins[axis, side] = around.width((axis, side), near.stencil, lattice.spacing)
+    for (axis, side), boundary in layered.sides.items():
+        margins[axis, side] = layered.width((axis, side), near.stencil, lattice.spacing)
         if states is not None and boundary.held is not None:
             margins[axis, side] = int(np.abs(states.offsets[:, axis]).max())
         if boundary.uniform and not boundary.derivatives:
@@ -180,7 +180,7 @@ def choose_margins(
             edge = (lattice.lower if side < 0 else lattice.upper)[axis]
             close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
             margins[axis, side] = 1 + m if busy or any(close) else least
-    outer = {key: margins[key] for key, boundary in around.sides.items() if boundary.uniform}
+    outer = {key: margins[key] for key, boundary in layered.sides.items() if boundary.uniform}
     every = team.gather(outer)
     return margins | {key: max(one.get(key, 0) for one in every) for key in outer}
 
@@ -188,7 +188,7 @@ def choose_margins(
 def make_grid(
     setup: Setup,
     near: NearField,
-    around: Surroundings,
+    layered: LayeredSides,
     margins: dict[Key, int],
     states: ForceStates | None,
     link: Link | None = None,
@@ -203,14 +203,14 @@ def make_grid(
     InputError
         A fixed side beside a layer.
     """
-    lattice, model, stencil, sides = near.lattice, near.model, near.stencil, around.sides
+    lattice, model, stencil, sides = near.lattice, near.model, near.stencil, layered.sides
     lead = 3 - lattice.dim
     x, y, z = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
     scale = model.coefficient / lattice.spacing**2
     bonds = (stencil.offsets, stencil.weights) if states is None else (states.offsets, states.bonds)
     offsets = np.zeros((len(bonds[0]), 3), int)
     offsets[:, lead:] = bonds[0]
-    layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
+    layers = {(lead + axis, side): layer for (axis, side), layer in layered.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     light = near.density is None and not model.drag  # otherwise the base of a stage is read after the forces
     alone = lattice.dim == 1 and light
@@ -235,7 +235,7 @@ def make_grid(
         rule=setup.bond_rule if near.variation.moduli is None else "arithmetic",  # each end contributes its own forces
         reaction=stencil.reaction * scale,
         signs=None if stencil.components in (1, lattice.dim) else _signs(stencil),
-        sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
+        sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, layered, margins)),
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
         dragged=model.drag > 0,
     )
@@ -249,7 +249,7 @@ def make_grid(
         set_density(engine, _over_core(near.density, margins))
     for (axis, side), boundary in sides.items():
         if boundary.held is not None and boundary.held != near.background:
-            _hold_beyond(grid, near, around, (axis, side), boundary.held)
+            _hold_beyond(grid, near, layered, (axis, side), boundary.held)
     return grid
 
 
@@ -269,18 +269,18 @@ def _sums(
     return StateSums(*sums, states.kept, released, states.unweakened, *stretch)
 
 
-def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> tuple[np.ndarray, ...]:
+def _stretch(near: NearField, layered: LayeredSides, margins: dict[Key, int]) -> tuple[np.ndarray, ...]:
     """Return the rates at which derivatives along each axis are stretched, over the core, and their shift; empty if no
     side stretches derivatives.
     """
     lattice, lead = near.lattice, 3 - near.lattice.dim
-    if not any(b.derivatives for b in around.sides.values()):
+    if not any(b.derivatives for b in layered.sides.values()):
         return ()
     core = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
     phi, shift = np.zeros((lattice.dim, *core)), np.zeros(core)
-    for (axis, side), boundary in around.sides.items():
+    for (axis, side), boundary in layered.sides.items():
         if boundary.derivatives:
-            speed = float(np.sqrt(around.coefficients[axis, side]))
+            speed = float(np.sqrt(layered.coefficients[axis, side]))
             normal, across, alpha = boundary.stretches(lattice.spacing, speed)
             last = slice(None, len(normal)) if side < 0 else slice(-len(normal), None)
             part = tuple(last if a == lead + axis else slice(None) for a in range(3))
@@ -291,10 +291,10 @@ def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> 
     return phi, shift
 
 
-def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:
+def _hold_beyond(grid: Grid, near: NearField, layered: LayeredSides, key: Key, value: float) -> None:
     """Set the halo beyond a fixed side, in every level, to its value."""
     axis, side = grid.lead + key[0], key[1]
-    if any(b.stretched for (a, _), b in around.sides.items() if a != key[0]):
+    if any(b.stretched for (a, _), b in layered.sides.items() if a != key[0]):
         raise InputError(
             "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state "
             "that never decays",

@@ -15,9 +15,9 @@ from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.heating import Heating, check_known, insulated
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.process_group import ALONE
 from farhorizon.simulation.setup import Key, Setup, Sides
-from farhorizon.simulation.team import ALONE
-from farhorizon.simulation.warm_sides import WarmNodes, heat_beside
+from farhorizon.simulation.thermoelastic_sides import ThermoelasticNodes, heat_beside
 
 
 class HeatInSteps(Heating):
@@ -33,8 +33,8 @@ class HeatInSteps(Heating):
     sides : dict of (axis, side) to Side
     shared : mapping of (axis, side) to Side
         Sides through which the temperature continues together with the displacements, as used for the temperature.
-    march_of : callable
-        Makes a `March` of a set-up, given what drives it in addition to its sources: a function of time.
+    time_loop_of : callable
+        Makes a `TimeLoop` of a set-up, given what drives it in addition to its sources: a function of time.
     broken : BrokenBonds, optional
         Broken bonds of the solid, if there can be any; they do not conduct from the step in which they break.
 
@@ -53,7 +53,7 @@ class HeatInSteps(Heating):
         grid: Grid,
         sides: Sides,
         shared: Mapping[Key, Side],
-        march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
+        time_loop_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
         broken: BrokenBonds | None = None,
     ) -> None:
         cold = {key: side for key, side in sides.items() if key not in shared}
@@ -65,13 +65,13 @@ class HeatInSteps(Heating):
         self._largest, self._told = 0.0, False
         self.every = 1
         self._power = np.zeros(near.lattice.shape)
-        self._heat = march_of(heat_beside(load, near.dt, shared), lambda _: self._power)
+        self._heat = time_loop_of(heat_beside(load, near.dt, shared), lambda _: self._power)
         check_known(len(self._heat.parts.near.conditions.images))
         self._broken = broken
         if broken is not None:
             self._insulated = insulated(load, broken, self._heat.parts, np.zeros(near.lattice.dim, int))
             self._table: np.ndarray | None = broken.table()
-        self._beyond = WarmNodes(grid, self._heat.parts.grid, self._expansion) if shared else None
+        self._beyond = ThermoelasticNodes(grid, self._heat.parts.grid, self._expansion) if shared else None
         self._now = self._before = self._temperature_now()
 
     def _seen(self) -> Any:

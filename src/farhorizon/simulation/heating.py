@@ -14,11 +14,11 @@ from farhorizon.inputs.sources import split
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.broken_bonds import BrokenBonds, InsulatedBonds, after_changes, table_changes
 from farhorizon.simulation.coupling import expansion_of
-from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.outer_loop import warn
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Key, Sides, side_name
-from farhorizon.simulation.team import ALONE, Team
 
 _STRIP = 2  # reaches next to a side within which bonds ignore heat at one or both ends
 
@@ -35,7 +35,7 @@ class Heating:
     sides : dict of (axis, side) to Side
     run_of : callable
         Makes a run of a set-up, given what observes it and a team.
-    team : Team
+    team : ProcessGroup
         The processes that compute the run; all of them sample the temperature at the same steps.
     broken : BrokenBonds, optional
         Broken bonds of the solid, if there can be any.
@@ -60,13 +60,13 @@ class Heating:
         grid: Grid,
         sides: Sides,
         run_of: Callable[..., Any],
-        team: Team = ALONE,
+        team: ProcessGroup = ALONE,
         broken: BrokenBonds | None = None,
     ) -> None:
         self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, team
         self._expansion = expansion_of(load, near.lattice, near.model, near.lame)
         self._largest, self._told = 0.0, False
-        run = RunBeside(load, near.lattice, run_of, team, broken) if load.of_run(load.temperature) else None
+        run = CompanionRun(load, near.lattice, run_of, team, broken) if load.of_run(load.temperature) else None
         self._run = run
         self._temperature = _given(load, near.lattice) if run is None else run.at
         between = load.every or (0.0 if run is None else run.dt)
@@ -99,8 +99,8 @@ class Heating:
     @property
     def strains(self) -> np.ndarray:
         """Thermal strains of the nodes now, of the shape of the lattice."""
-        warmth = self.grid.engine.tables.heat.warmth[self.grid.nodes]
-        return warmth.astype(float).reshape(self.near.lattice.shape)
+        thermal_strain = self.grid.engine.tables.heat.thermal_strain[self.grid.nodes]
+        return thermal_strain.astype(float).reshape(self.near.lattice.shape)
 
     def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
         """Return weighted sums over nodes of the thermal strains after each of the last steps, within which there was
@@ -118,7 +118,7 @@ class Heating:
         ndarray, shape (steps, n)
         """
         heat, places = self.grid.engine.tables.heat, self.grid.nodes.ravel()[nodes]
-        now, rate = ((one[places] * weights).sum(1) for one in (heat.warmth, heat.rate))
+        now, rate = ((one[places] * weights).sum(1) for one in (heat.thermal_strain, heat.rate))
         return np.asarray(now - np.arange(steps)[::-1, None] * rate)
 
     def begin(self) -> None:
@@ -216,7 +216,7 @@ class Heating:
         return found
 
 
-class RunBeside:
+class CompanionRun:
     """The field of a run that is computed alongside another one, on a part of its lattice.
 
     On several processes the run has its own decomposition into boxes; each process receives the values at the nodes of
@@ -230,7 +230,7 @@ class RunBeside:
         Part of the lattice of the other run that belongs to this process.
     run_of : callable
         Makes a run of a set-up, given what observes it and a team.
-    team : Team
+    team : ProcessGroup
     broken : BrokenBonds, optional
 
     Raises
@@ -244,7 +244,7 @@ class RunBeside:
         load: ThermalLoad,
         lattice: Lattice,
         run_of: Callable[..., Any],
-        team: Team = ALONE,
+        team: ProcessGroup = ALONE,
         broken: BrokenBonds | None = None,
     ) -> None:
         assert load.reference is not None
@@ -294,7 +294,7 @@ class RunBeside:
             mine, theirs = (tuple(map(slice, *(np.maximum(end - start, 0) for end in ends))) for start in (low, first))
             pieces.append((theirs, values[mine]))
         found = np.full(self._shape, self._reference)
-        for place, piece in self._team.dealt(pieces):
+        for place, piece in self._team.all_to_all(pieces):
             found[place] = piece
         return found
 

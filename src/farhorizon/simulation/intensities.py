@@ -15,7 +15,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.recorder import Heard, RowRecorder, Wanted
+from farhorizon.simulation.recorder import RecordRequest, RowRecorder, StepValues
 from farhorizon.simulation.setup import Setup
 
 _PART = 0.75  # radius of the larger circle, relative to the distance of the next corner of a crack
@@ -120,7 +120,7 @@ class StressIntensity(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near = parts.whole.near
         _check_medium(setup, near)
         ends = _ends([crack.cut for crack in setup.cracks], near)
@@ -137,24 +137,24 @@ class StressIntensity(RowRecorder):
         ]
         for domain in self.domains:
             _check_even(parts, domain)
-        drives = [(space, time) for space, time in parts.driving if space is not None]
-        self._times = [time for _, time in drives]
-        shares = [_shares(domain, parts, [space for space, _ in drives]) for domain in self.domains]
+        source_terms = [(space, time) for space, time in parts.active_terms if space is not None]
+        self._times = [time for _, time in source_terms]
+        shares = [_shares(domain, parts, [space for space, _ in source_terms]) for domain in self.domains]
         self._faces = np.array([on_faces for _, on_faces in shares])  # (tips, drives, modes)
         total = np.array([on_nodes for on_nodes, _ in shares])  # (tips, modes, nodes, components)
         nodes = np.flatnonzero(total.any((0, 1, 3)))
         self._table, self._dt = total[:, :, nodes], near.dt
-        return Wanted(nodes, (), self.every)
+        return RecordRequest(nodes, (), self.every)
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         self._begin_rows({"rows": np.zeros((0, *self._table.shape[:2]))})
-        self.add(step, Heard(heard.nodes[1:], ()))
+        self.add(step, StepValues(step_values.nodes[1:], ()))
 
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, step_values: StepValues) -> None:
         kept = slice(-step % self.every, None, self.every)
-        rows = heard.nodes[kept]
+        rows = step_values.nodes[kept]
         if len(rows):
-            steps = np.arange(step, step + len(heard.nodes))[kept]
+            steps = np.arange(step, step + len(step_values.nodes))[kept]
             loads = np.array([[time(self._dt * n) for time in self._times] for n in steps]).reshape(len(steps), -1)
             # step by step: the rounding of a sum over all depends on how many are added at once
             found = [np.einsum("tknc,nc->tk", self._table, row) for row in rows]

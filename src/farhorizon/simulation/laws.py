@@ -52,7 +52,7 @@ def range_of(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [val
     return np.linspace(min(low for low, _ in every), max(high for _, high in every), SAMPLES)
 
 
-def livelier(setup: Any) -> float:
+def conductivity_ratio(setup: Any) -> float:
     """Return the largest conductivity at values of the field at the start, over that at the background.
 
     Raises
@@ -78,7 +78,7 @@ def livelier(setup: Any) -> float:
     return largest
 
 
-def steepest(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [value]) -> float:
+def source_slope(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [value]) -> float:
     """Return the largest slope with which sources change with the field, at its values at the start (per mass); see
     `range_of`.
     """

@@ -73,7 +73,7 @@ def _in_place_of(run: Any) -> tuple[list[Any], str]:
     one concentration, as long as it lasts, and is initial data, when it is dissolved. Where bonds break, small
     differences grow, which no layer causes: the linear medium is tried. Other runs are tried as they are.
     """
-    model, same = run.model, {"boundary": run.parts.around.as_given(), "dt": run.dt}
+    model, same = run.model, {"boundary": run.parts.layered.as_given(), "dt": run.dt}
     with suppress(InputError):
         if run.parts.phases is not None:
             solid = run.fields["solid"] > 0
@@ -132,7 +132,7 @@ def _cropped(trials: TrialRuns, low: np.ndarray, high: np.ndarray, until: float)
     initial = {"u": run.start_u[(..., *part)] + near.background}
     initial |= {"v": run.start_v[(..., *part)]} if near.model.order == 2 else {}
     try:
-        small = run.remade(lattice=lattice, initial=initial, boundary=run.parts.around.as_given())
+        small = run.remade(lattice=lattice, initial=initial, boundary=run.parts.layered.as_given())
         return TrialRuns(small, trials.keys, trials.wanted, until, trials.allowed)
     except InputError:
         return None

@@ -22,10 +22,10 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.coupling import Coupling, expansion_of
-from farhorizon.simulation.host import Host, Pace, node_factor, pace_in, varied
-from farhorizon.simulation.laws import steepest
+from farhorizon.simulation.laws import source_slope
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.reference_medium import Contrast, ReferenceMedium, contrast_in, node_factor, varied
 from farhorizon.simulation.setup import Setup, Sides, wrapping
-from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import closed_window
 
 _ALIKE = 1e-12  # relative difference up to which constants are those of the same medium
@@ -37,7 +37,7 @@ class Extremes(NamedTuple):
     """Quantities that depend on all nodes of a near field: see `NearField`."""
 
     rate_limit: float
-    pace: Pace
+    contrast: Contrast
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class NearField:
     dt : float
     prescribed : PrescribedNodes
         Nodes that follow a prescribed value, permanently or for a limited time.
-    pace : Pace
+    contrast : Contrast
         Pace of the whole near field, also on a part of it.
     coupling : Coupling or None
         Coupling with a temperature that the deformation changes.
@@ -80,7 +80,7 @@ class NearField:
     rate_limit: float
     dt: float
     prescribed: PrescribedNodes
-    pace: Pace
+    contrast: Contrast
     coupling: Coupling | None = None
 
     @cached_property
@@ -90,14 +90,14 @@ class NearField:
         """
         return (
             self.stencil
-            if self.pace.lame is None
-            else self.model.of_ratio(self.pace.lame).medium(self.lattice.spacing, self.lattice.dim)
+            if self.contrast.lame is None
+            else self.model.of_ratio(self.contrast.lame).medium(self.lattice.spacing, self.lattice.dim)
         )
 
     @property
     def extremes(self) -> Extremes:
         """Quantities that a part of the near field cannot determine on its own."""
-        return Extremes(self.rate_limit, self.pace)
+        return Extremes(self.rate_limit, self.contrast)
 
     @property
     def mass(self) -> float:
@@ -107,7 +107,7 @@ class NearField:
     @property
     def medium_rate(self) -> float:
         """Largest rate of the medium with all its bonds, without reaction, from the symbol of the stencil."""
-        return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.pace)
+        return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.contrast)
 
     @property
     def growth(self) -> float:
@@ -119,7 +119,7 @@ class NearField:
     @property
     def closing_rate(self) -> float:
         """Contribution to the largest rate of absent bonds that can close, in a material with states."""
-        return self.model.coefficient / self.lattice.spacing**2 * self.pace.closing
+        return self.model.coefficient / self.lattice.spacing**2 * self.contrast.closing
 
     @property
     def step_limit(self) -> float:
@@ -162,12 +162,12 @@ class NearField:
     @property
     def strongest(self) -> float:
         """Largest squared speed over that of the model; if no density varies, the largest factor on bonds."""
-        return self.pace.strongest
+        return self.contrast.strongest
 
     @property
     def weakest(self) -> float:
         """Smallest squared speed over that of the model where there are bonds."""
-        return self.pace.weakest
+        return self.contrast.weakest
 
     @property
     def varies(self) -> bool:
@@ -275,7 +275,7 @@ def near_field(
     variation: Variation,
     coefficient: np.ndarray | None = None,
     stiffer: float = 1.0,
-    team: Team = ALONE,
+    team: ProcessGroup = ALONE,
     whole: Extremes | None = None,
 ) -> NearField:
     """Return the near field of a set-up.
@@ -291,7 +291,7 @@ def near_field(
         Given factor on bonds, as in `NearField`.
     stiffer : float
         Largest squared frequency over that of the medium with all its bonds.
-    team : Team
+    team : ProcessGroup
         The processes, each of which has a part of the near field.
     whole : Extremes, optional
         Quantities that depend on all parts.
@@ -304,9 +304,11 @@ def near_field(
     lattice, model, factor = setup.lattice, setup.model, variation.stiffness
     conditions = _resolve(setup, stencil, factor, team)
     if whole is None:
-        pace = pace_in(setup, decompose(lattice.shape, 1, stencil.reach, {}, wrapping(sides)), stencil, variation)
+        contrast = contrast_in(
+            setup, decompose(lattice.shape, 1, stencil.reach, {}, wrapping(sides)), stencil, variation
+        )
         leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
-        whole = Extremes(_rate_limit(setup, stencil, pace, leak, stiffer), pace)
+        whole = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
     rate = whole.rate_limit
     coupling = _coupling(setup, stencil, variation)
     if coupling is None:
@@ -328,47 +330,51 @@ def near_field(
         rate,
         dt,
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
-        whole.pace,
+        whole.contrast,
         coupling,
     )
 
 
-def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer: float) -> Extremes:
+def extremes_of(
+    setup: Setup, reference_medium: ReferenceMedium, stencil: Stencil, team: ProcessGroup, stiffer: float
+) -> Extremes:
     """Return the quantities that depend on all of a near field, of which each process evaluates a box.
 
     Parameters
     ----------
     setup : Setup
-    host : Host
+    reference_medium : ReferenceMedium
         Uniform medium relative to which that of the set-up varies.
     stencil : Stencil
         Stencil of the uniform medium.
-    team : Team
+    team : ProcessGroup
     stiffer : float
         As in `near_field`.
     """
     boxes = decompose(setup.lattice.shape, team.size, stencil.reach, {}, wrapping(setup.sides))
-    part = host.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
-    variation = host.beside(replace(setup, lattice=part.lattice)).times(node_factor(part))
-    pace = pace_in(part, boxes, stencil, variation, team)
-    conductivity = _conductivity(host.model, variation.stiffness)
+    part = reference_medium.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
+    variation = reference_medium.variation_of(replace(setup, lattice=part.lattice)).times(node_factor(part))
+    contrast = contrast_in(part, boxes, stencil, variation, team)
+    conductivity = _conductivity(reference_medium.model, variation.stiffness)
     lost = losses(setup.constraints, part.lattice, team.gather, stencil, conductivity)
-    leak = _leak(host.model, lost, variation.density)
+    leak = _leak(reference_medium.model, lost, variation.density)
     most = team.largest(float(leak.max(initial=0)))
-    return Extremes(_rate_limit(part, stencil, pace, most, stiffer, team), pace)
+    return Extremes(_rate_limit(part, stencil, contrast, most, stiffer, team), contrast)
 
 
-def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, pace: Pace) -> float:
+def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, contrast: Contrast) -> float:
     unit = model.coefficient / spacing**2
-    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(pace.fastest, 1e-300))
+    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(contrast.fastest, 1e-300))
 
 
-def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer: float, team: Team = ALONE) -> float:
+def _rate_limit(
+    setup: Setup, stencil: Stencil, contrast: Contrast, leak: float, stiffer: float, team: ProcessGroup = ALONE
+) -> float:
     """Return the largest rate of an operator, with closing bonds, reaction and leak."""
     unit = setup.model.coefficient / setup.lattice.spacing**2
-    rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, pace) * stiffer
-    rate += unit * pace.closing
-    rate += setup.model.source_factor * steepest(setup, team.gather)
+    rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, contrast) * stiffer
+    rate += unit * contrast.closing
+    rate += setup.model.source_factor * source_slope(setup, team.gather)
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 
@@ -383,7 +389,7 @@ def _conductivity(model: LatticeModel, factor: np.ndarray | None) -> np.ndarray 
     return model.coefficient / model.source_factor * (1.0 if factor is None else factor)
 
 
-def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None, team: Team) -> Conditions:
+def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None, team: ProcessGroup) -> Conditions:
     conductivity = _conductivity(setup.model, factor)
     return resolve(
         setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background, team.gather, stencil

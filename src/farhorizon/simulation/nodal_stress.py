@@ -65,7 +65,7 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     if "damage" in run.fields:
         u = np.where(run.fields["damage"] > 0, np.nan, u)
     cuts = [crack.cut for crack in run.setup.cracks if crack.opens <= run.time]
-    around, wide = (lattice, u) if run.share is None else run.share.wider(u, _BESIDE, run.team)
+    around, wide = (lattice, u) if run.subdomain is None else run.subdomain.wider(u, _BESIDE, run.team)
     own: tuple[Any, ...] = (
         ...,
         *(slice(f - low, f - low + n) for f, low, n in zip(lattice.first, around.first, lattice.shape, strict=True)),
@@ -74,9 +74,9 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     alone = np.isnan(slopes).all((0, 1)) & np.isfinite(u).all(0)
     for slope in slopes:
         slope[:, alone] = 0.0  # a node without neighbours has no bonds, and so no stress
-    warmth = run.fields.get("thermal_strain", np.zeros(lattice.shape))
+    thermal_strain = run.fields.get("thermal_strain", np.zeros(lattice.shape))
     for axis, slope in enumerate(slopes):
-        slope[axis] -= warmth  # thermal strains cause no stress
+        slope[axis] -= thermal_strain  # thermal strains cause no stress
     now = np.stack([u, *slopes], axis=-1).reshape(dim, -1, 1 + dim).swapaxes(0, 1)[None]
     lame, shear = near.lame.reshape(2, -1)
     (tensor,) = Reading(now, now, run.dt, 0.0, LocalModuli(lame, shear)).of([NAME])[NAME]
@@ -84,7 +84,7 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     if dim > 1:
         held = dim == 2 and getattr(run.model, "plane", None) != "stress"
         across = lame / (2 * (lame + shear)) if held else 0.0
-        found[_MISES] = von_mises(tensor, across, -2 * shear * warmth.ravel() if held else 0.0)
+        found[_MISES] = von_mises(tensor, across, -2 * shear * thermal_strain.ravel() if held else 0.0)
     return {name: values.reshape(lattice.shape) for name, values in found.items()}
 
 

@@ -19,14 +19,16 @@ from farhorizon.medium.of_field import OfField
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.laws import SAMPLES, law_of, of_field, range_of
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Setup, Sides, keys, side_name
-from farhorizon.simulation.team import ALONE, Team
 
 # points of Gauss's formula for the integral of a conductivity: exact for polynomials of degree 31
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
-def field_drives(setup: Setup, near: NearField, sides: Sides, grid: Grid, team: Team = ALONE) -> list[tuple[str, Any]]:
+def field_source_terms(
+    setup: Setup, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup = ALONE
+) -> list[tuple[str, Any]]:
     """Return what drives a run that depends on its field: names, and drives that are to be evaluated at each step.
 
     Raises
@@ -38,14 +40,14 @@ def field_drives(setup: Setup, near: NearField, sides: Sides, grid: Grid, team: 
     if not of_field(setup):
         return []
     _check(setup, near)
-    drives: list[tuple[str, Any]] = []
+    source_terms: list[tuple[str, Any]] = []
     values = range_of(setup, team.gather)
     for key, one in zip(keys("source", setup.sources), setup.sources, strict=True):
         if isinstance(one, OfField):
-            drives.append((key, _Source(one, key, near, sides, grid, values, team)))
+            source_terms.append((key, _Source(one, key, near, sides, grid, values, team)))
     for name, one in setup.model.follows.items():
-        drives.append((name, Conduction(one, f"model.{name}", near, sides, grid, team)))
-    return [(name, (None, drive)) for name, drive in drives]
+        source_terms.append((name, Conduction(one, f"model.{name}", near, sides, grid, team)))
+    return [(name, (None, source_term)) for name, source_term in source_terms]
 
 
 def _check(setup: Setup, near: NearField) -> None:
@@ -134,11 +136,11 @@ class _Source(_OfField):
         As for `_OfField`.
     values : ndarray
         Values that the field has at the start.
-    team : Team
+    team : ProcessGroup
     """
 
     def __init__(
-        self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray, team: Team
+        self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray, team: ProcessGroup
     ) -> None:
         super().__init__(one, key, near, sides, grid)
         self._team = team
@@ -195,7 +197,7 @@ class Conduction(_OfField):
 
     level: np.ndarray
 
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, team: Team) -> None:
+    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup) -> None:
         super().__init__(one, key, near, sides, grid)
         self._team = team
         self._first = float(self._law(np.array(near.background)))

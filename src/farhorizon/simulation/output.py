@@ -23,9 +23,9 @@ from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.outlines import outlines_of
+from farhorizon.simulation.process_group import ProcessGroup
 from farhorizon.simulation.recorder import Recorder
 from farhorizon.simulation.regions import regions_of
-from farhorizon.simulation.team import Team
 
 _FOLLOWS = ("v", "solid")  # follow from other fields, and are as large
 
@@ -273,7 +273,7 @@ def _cut_anew(run: Any, path: Path, outputs: int) -> None:
     team.by_first(lambda: held.take_parts(boxes, folder))
 
 
-def _check_seen(team: Team, path: Path) -> None:
+def _check_seen(team: ProcessGroup, path: Path) -> None:
     """Refuse a folder that not all processes see: the first one creates a file there whose name no other folder has."""
     mark = folder_of(path) / team.first(f".{secrets.token_hex(8)}.seen")
     team.by_first(mark.touch)

@@ -12,7 +12,7 @@ import numpy as np
 
 from farhorizon.engine.bonds import steepest
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.simulation.course import say_doubt
+from farhorizon.simulation.outer_loop import warn_once
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,4 +145,4 @@ def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray
     found = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
     warning = next((one for one in found if one is not None), None)
     if warning is not None:
-        say_doubt(run, "crack where bonds cannot break", warning)
+        warn_once(run, "crack where bonds cannot break", warning)

@@ -17,7 +17,7 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.flux import bonds_left, plane
 from farhorizon.simulation.fourier_sums import FourierSums
-from farhorizon.simulation.recorder import Arrays, Heard, Plane, RowRecorder, Wanted, check_begun
+from farhorizon.simulation.recorder import Arrays, Plane, RecordRequest, RowRecorder, StepValues, check_begun
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.spectra import as_frequencies, check_frequencies
 from farhorizon.simulation.state_power import NodeStates, states_at
@@ -165,7 +165,7 @@ class PowerThrough(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
         surfaces = [_surface_of(one, parts) for one in self.surfaces]
@@ -183,17 +183,17 @@ class PowerThrough(RowRecorder):
             pushes = mass * passes.sums.divergence
             of_states = [states.form(nodes, one.ends, pushes[one.offsets]) for one in bonds]
             self._forms = [one + other for one, other in zip(self._forms, of_states, strict=True)]
-        return Wanted(nodes, ())
+        return RecordRequest(nodes, ())
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         self.forget()
-        self._last = heard.nodes
-        self._sums = FourierSums(self.frequencies, self._dt, int(np.prod(heard.nodes.shape[1:])))
-        self._sums.add(step, heard.nodes[1:].reshape(1, -1))
+        self._last = step_values.nodes
+        self._sums = FourierSums(self.frequencies, self._dt, int(np.prod(step_values.nodes.shape[1:])))
+        self._sums.add(step, step_values.nodes[1:].reshape(1, -1))
 
-    def add(self, step: int, heard: Heard) -> None:
-        rows = np.concatenate([self._last, heard.nodes]).reshape(len(heard.nodes) + 2, -1)
-        self._last = rows[-2:].reshape(2, *heard.nodes.shape[1:])
+    def add(self, step: int, step_values: StepValues) -> None:
+        rows = np.concatenate([self._last, step_values.nodes]).reshape(len(step_values.nodes) + 2, -1)
+        self._last = rows[-2:].reshape(2, *step_values.nodes.shape[1:])
         if self.frequencies.size:
             self._sums.add(step, rows[2:])
         now, twice = rows[1:-1], rows[2:] - rows[:-2]

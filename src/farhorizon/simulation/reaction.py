@@ -9,7 +9,7 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorder import Arrays, Heard, RowRecorder, Wanted
+from farhorizon.simulation.recorder import Arrays, RecordRequest, RowRecorder, StepValues
 from farhorizon.simulation.setup import Setup
 
 _ROUNDING = 2.0**-24  # of a number in single precision, relative to it
@@ -93,7 +93,7 @@ class Reaction(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near, lattice = parts.near, parts.whole.near.lattice
         if near.model.order != 2:
             raise InputError(
@@ -132,7 +132,7 @@ class Reaction(RowRecorder):
         self._mass, self._dt, self._background = near.mass, near.dt, near.background
         self._vector = near.stencil.components > 1
         self.notes = [_rounded(self.name)] if parts.grid.engine.dtype.itemsize < 8 else []
-        return Wanted(np.concatenate(groups), (), held=tuple(groups))
+        return RecordRequest(np.concatenate(groups), (), held=tuple(groups))
 
     def _joined(self, nodes: np.ndarray, parts: Parts) -> np.ndarray:
         """Return the numbers in the whole lattice of nodes that each process has in its part."""
@@ -140,13 +140,13 @@ class Reaction(RowRecorder):
         inside.flat[nodes] = True
         return parts.whole.numbers(inside, parts.near.lattice)
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, heard: StepValues) -> None:
         groups, components = len(self._ends) - 1, heard.nodes.shape[2]
         none = np.zeros((0, groups, components) if self._vector else (0, groups))
         self._begin_rows({"force": none, "displacement": none})
         self._last = self._means(heard.nodes[1:])
 
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, heard: StepValues) -> None:
         means = np.concatenate([self._last, self._means(heard.nodes)])
         self._last = means[-1:]
         kept = slice(-(step - 1) % self.every, None, self.every)

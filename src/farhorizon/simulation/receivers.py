@@ -22,7 +22,7 @@ from farhorizon.geometry.interpolation import (
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
-from farhorizon.simulation.recorder import Arrays, Heard, RowRecorder, Wanted
+from farhorizon.simulation.recorder import Arrays, RecordRequest, RowRecorder, StepValues
 from farhorizon.simulation.setup import Setup
 
 #: Keys of a case file that give points.
@@ -154,7 +154,7 @@ class Receivers(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near = parts.whole.near
         lattice = near.lattice
         self._check_model(near)
@@ -170,17 +170,17 @@ class Receivers(RowRecorder):
         self._moving = any(QUANTITIES[name].moving for name in self.record)  # these need the previous step as well
         self._warm = near.model.warm and any(QUANTITIES[name].stressed for name in self.record)
         every = 1 if self._moving else self.every
-        return Wanted(np.zeros(0, np.int64), tuple(blocks), every, heat=self._warm)
+        return RecordRequest(np.zeros(0, np.int64), tuple(blocks), every, heat=self._warm)
 
-    def start(self, step: int, heard: Heard) -> None:
-        rows = np.stack(heard.blocks, axis=-1)
+    def start(self, step: int, step_values: StepValues) -> None:
+        rows = np.stack(step_values.blocks, axis=-1)
         self._before = rows[:1]
         self._begin_rows(self._read(rows[:0], rows[:0]))
         self._look(step, rows[1:])
 
-    def add(self, step: int, heard: Heard) -> None:
-        one = heard.blocks[0][..., None]  # no copy: every quantity computes a new array
-        self._look(step, one if len(heard.blocks) == 1 else np.stack(heard.blocks, axis=-1))
+    def add(self, step: int, step_values: StepValues) -> None:
+        one = step_values.blocks[0][..., None]  # no copy: every quantity computes a new array
+        self._look(step, one if len(step_values.blocks) == 1 else np.stack(step_values.blocks, axis=-1))
 
     def _look(self, step: int, rows: np.ndarray) -> None:
         """Record the field, its derivatives and the thermal strain, laid out as in `Reading`, after the steps from

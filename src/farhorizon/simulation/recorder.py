@@ -19,7 +19,7 @@ from farhorizon.machine import available_memory
 Arrays = dict[str, np.ndarray]
 
 
-class Wanted(NamedTuple):
+class RecordRequest(NamedTuple):
     """What a recorder requests from the time loop.
 
     Attributes
@@ -46,7 +46,7 @@ class Wanted(NamedTuple):
     held: tuple[np.ndarray, ...] = ()
 
 
-class Heard(NamedTuple):
+class StepValues(NamedTuple):
     """What a recorder receives for some steps: the field minus the background. The arrays are reused for the next
     steps.
 
@@ -123,7 +123,7 @@ class Recorder(Registered, ABC):
         return []
 
     @abstractmethod
-    def begin(self, setup: Any, parts: Any) -> Wanted:
+    def begin(self, setup: Any, parts: Any) -> RecordRequest:
         """Specify what to record of a run.
 
         Parameters
@@ -148,13 +148,13 @@ class Recorder(Registered, ABC):
         """
 
     @abstractmethod
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         """Discard what was recorded and record the values at the first step, in the last of two rows; the row before
         has those one step earlier.
         """
 
     @abstractmethod
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, step_values: StepValues) -> None:
         """Record the values after the steps from number `step` on."""
 
     @abstractmethod

@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.settings import listen
+from farhorizon.engine.settings import record_blocks
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.course import warn
 from farhorizon.simulation.fourier_sums import BLOCK
 from farhorizon.simulation.heating import Heating
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
+from farhorizon.simulation.outer_loop import warn
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.recorder import Arrays, Recorder, RecordRequest, StepValues
 from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.team import ALONE, Team
 
 _NUMBERS = itertools.count(1)  # numbers of the runs of this process
 _ROOM = 2**24  # how many numbers may be kept before the loop returns, which fits easily into memory
@@ -47,7 +47,7 @@ class Recording:
     setup : Setup
     parts : Parts
     recorders : sequence of Recorder
-    team : Team
+    team : ProcessGroup
         The processes that compute the run.
     heating : Heating, optional
         Temperature that strains the medium.
@@ -63,7 +63,7 @@ class Recording:
         setup: Setup,
         parts: Parts,
         recorders: Sequence[Recorder] = (),
-        team: Team = ALONE,
+        team: ProcessGroup = ALONE,
         heating: Heating | None = None,
     ) -> None:
         self._heating = heating
@@ -79,7 +79,7 @@ class Recording:
                     remedy='name="..." tells them apart',
                 )
         known, self._number = self.doubts, next(_NUMBERS)
-        self._wanted: list[Wanted] = []
+        self._wanted: list[RecordRequest] = []
         for one in self.recorders:
             with self._naming(one), team.agreed():
                 self._wanted.append(one.begin(setup, parts))
@@ -112,13 +112,13 @@ class Recording:
         engine, lead = self._grid.engine, self._grid.lead
         places = self._grid.nodes.ravel()
         watched = [engine.all_components(places[nodes]) for nodes in self._all_nodes()]
-        engine.watch(np.concatenate(watched))
+        engine.record_nodes(np.concatenate(watched))
         found: list[tuple[np.ndarray, list[np.ndarray]]] = []
         for blocks in (one for own in self._own for one, which in own.blocks if len(which)):
             first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
             found += [(first + component * engine.layout.size, along) for component in range(engine.components)]
-        listen(engine, found)
+        record_blocks(engine, found)
         asked = [
             self._probed,
             *(one for wanted in self._wanted for one in (wanted.nodes, *(b.first for b in wanted.blocks))),
@@ -127,7 +127,7 @@ class Recording:
         engine.watch_stride = math.gcd(*(wanted.every for wanted in self._wanted), int(self._probed.size > 0)) or 1
         engine.forces_wanted = any(wanted.held for wanted in self._wanted)
 
-    def _part_of(self, wanted: Wanted) -> _Own:
+    def _part_of(self, wanted: RecordRequest) -> _Own:
         lattice = self._near.lattice
         nodes, which = self._nodes_of(wanted.nodes)
         blocks = [(one, np.arange(len(one.first))) for one in wanted.blocks]
@@ -147,12 +147,12 @@ class Recording:
         """Return how many numbers the loop keeps per step for some nodes."""
         return self._grid.engine.components * len(nodes)
 
-    def watch(self, nodes: np.ndarray) -> None:
+    def set_probes(self, nodes: np.ndarray) -> None:
         """Keep values of some nodes of the near field for probes, in place of those before."""
         self._probed, self._own_probed = nodes, self._nodes_of(nodes)
         self._lay()
 
-    def _now(self, wanted: Wanted, own: _Own) -> Heard:
+    def _now(self, wanted: RecordRequest, own: _Own) -> StepValues:
         """Return what a recorder receives for the previous step and the present one, from the present state."""
         engine, grid = self._grid.engine, self._grid
         order = self._near.model.order
@@ -165,7 +165,7 @@ class Recording:
             blocks.append(np.einsum("rnkc,nk->rnc", values[:, nodes], weights))
         return self._of_all(wanted, own, values[:, own.nodes], blocks)
 
-    def _of_all(self, wanted: Wanted, own: _Own, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> Heard:
+    def _of_all(self, wanted: RecordRequest, own: _Own, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> StepValues:
         """Combine the values of all processes."""
         completed = self._team.completed
         sums = [
@@ -176,7 +176,7 @@ class Recording:
             strains = self._heating.at_points(*own.warm, len(blocks[0]))[..., None]
             known = completed(strains, own.blocks[0][1], len(wanted.blocks[0].first), 1)
             sums.append(np.broadcast_to(known, sums[0].shape))
-        return Heard(completed(nodes, own.which, len(wanted.nodes), 1), tuple(sums))
+        return StepValues(completed(nodes, own.which, len(wanted.nodes), 1), tuple(sums))
 
     def foresee(self, until: float, steps: int) -> None:
         """Announce a run to a time, of `steps` steps in all, to the recorders."""
@@ -214,14 +214,16 @@ class Recording:
         start = self._width(self._own_probed[0])
         for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
             end = start + self._width(own.nodes)
-            nodes, start = _by_component(engine.seen[:, start:end], engine.components), end
+            nodes, start = _by_component(engine.node_values[:, start:end], engine.components), end
             blocks = []
             for block, _ in own.blocks:
                 last = row + engine.components * len(block.first)
-                blocks.append(_by_component(engine.heard[:, row:last], engine.components))
+                blocks.append(_by_component(engine.block_values[:, row:last], engine.components))
                 row = last
-            heard = self._of_all(wanted, own, nodes, blocks)
-            one.add(step, heard._replace(forces=self._forces(step, wanted.held)) if wanted.held else heard)
+            block_values = self._of_all(wanted, own, nodes, blocks)
+            one.add(
+                step, block_values._replace(forces=self._forces(step, wanted.held)) if wanted.held else block_values
+            )
 
     def _forces(self, step: int, groups: Sequence[np.ndarray]) -> np.ndarray:
         """Return the sums over groups of nodes of the forces that held them in the last steps, from number `step` on;
@@ -244,7 +246,7 @@ class Recording:
         """
         near, engine = self._near, self._grid.engine
         own, which = self._own_probed
-        values = engine.seen[:, : self._width(own)] + near.background
+        values = engine.node_values[:, : self._width(own)] + near.background
         values = _by_component(values, engine.components)
         if near.hidden is not None:
             values[:, near.hidden.ravel()[own]] = np.nan
@@ -301,7 +303,7 @@ class Recording:
             one.take(theirs)
 
 
-def _asked(one: Recorder, wanted: Wanted) -> Arrays:
+def _asked(one: Recorder, wanted: RecordRequest) -> Arrays:
     """Return where, how often and at which frequencies a recorder records."""
     found = {"every": np.array([wanted.every]), **one.asked}
     return {f"asked.{name}": np.asarray(values, float) for name, values in found.items()}

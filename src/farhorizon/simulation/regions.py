@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from farhorizon.files.region_numbers import OUTSIDE, Regions
-from farhorizon.simulation.host import constants_of
-from farhorizon.simulation.team import Team
+from farhorizon.simulation.process_group import ProcessGroup
+from farhorizon.simulation.reference_medium import constants_of
 
 _MOST = 256  # values of a constant; with more of them it counts as varying continuously
 
@@ -62,7 +62,7 @@ def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
     return None if whole is None else Regions(whole, tuple(names[k] or "medium" for k in order))
 
 
-def _numbered(values: np.ndarray, team: Team, most: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def _numbered(values: np.ndarray, team: ProcessGroup, most: int | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct values on all processes together, taking at most `most` of each process, and the index among
     them of each value here.
     """

@@ -11,7 +11,7 @@ import numpy as np
 
 from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint
-from farhorizon.simulation.described import rebuild
+from farhorizon.simulation.serialization import rebuild
 
 
 def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, Any]:

@@ -17,18 +17,18 @@ from farhorizon.files.html import table
 from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.course import check_ahead, checked_end, go, say_doubt
 from farhorizon.simulation.examination import Examination
-from farhorizon.simulation.kept import packed
 from farhorizon.simulation.nodal_stress import shown_fields
+from farhorizon.simulation.outer_loop import check_ahead, checked_end, run_to_step, warn_once
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.output import RunResults, written
+from farhorizon.simulation.pickling import packed
 from farhorizon.simulation.probes import Probes
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.rest import Rest, Resting, coming_to_rest
 from farhorizon.simulation.resume import stored
+from farhorizon.simulation.steady_state import SteadyState, SteadyStateQuantities, steady_state_criterion
 from farhorizon.simulation.steps import last_step, steps_between
-from farhorizon.simulation.team import ALONE, Team
 
 if TYPE_CHECKING:
     import xarray
@@ -69,11 +69,11 @@ class Run(ABC):
     peak : float
         The largest kinetic energy, for diffusion the largest difference from the background, that occurred in a run to
         its static state.
-    rest : Rest or None
+    rest : SteadyState or None
         Criterion of such a run.
-    resting : Resting
+    resting : SteadyStateQuantities
         Determines whether the run has come to rest.
-    team : Team
+    team : ProcessGroup
         The processes that compute the run.
     cautions : list of Caution
         Times from which the result is doubtful, with the reasons; a `ValidityWarning` was issued for each.
@@ -93,9 +93,9 @@ class Run(ABC):
     background: float
     probes: Probes | None = None
     output: RunResults | None = None
-    rest: Rest | None
-    resting: Resting
-    team: Team = ALONE
+    rest: SteadyState | None
+    resting: SteadyStateQuantities
+    team: ProcessGroup = ALONE
 
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
         """Initialize a run that computes `nodes` nodes, before its first step."""
@@ -147,7 +147,7 @@ class Run(ABC):
         ----------
         until : float or "static"
             The run stops at the first step at or after this time; `time` gives the actual end. "static": the run stops
-            when the waves have left, see `farhorizon.simulation.rest.Rest`.
+            when the waves have left, see `farhorizon.simulation.steady_state.SteadyState`.
         every : float, optional
             Must be a whole number of steps: create the run with ``dt=WholeSteps(every=...)`` to ensure this.
         progress : bool, optional
@@ -175,7 +175,7 @@ class Run(ABC):
         """
         ends = {"until": until, "every": every, "tolerance": tolerance, "limit": limit, "output": output}
         self.team.alike({"run": ends})
-        rest = coming_to_rest(self, until, tolerance, limit)
+        rest = steady_state_criterion(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
         check_ahead(self, end, "run.until")
         count = None if every is None else steps_between(every, self.dt)
@@ -185,11 +185,11 @@ class Run(ABC):
         self.rest = rest
         with written(self, output):
             if rest is None:
-                go(self, last, count, show)
-            elif rest.over(self) or go(self, last, count, show, lambda: rest.reached(self), rest.pace):
+                run_to_step(self, last, count, show)
+            elif rest.over(self) or run_to_step(self, last, count, show, lambda: rest.reached(self), rest.pace):
                 self._remarks.append(f"static at t = {self.time:.6g}, to a tolerance of {rest.tolerance:g}")
             else:
-                say_doubt(self, "not static", f"the run, ended by its limit, is not static to {rest.tolerance:g}")
+                warn_once(self, "not static", f"the run, ended by its limit, is not static to {rest.tolerance:g}")
         return self
 
     def write(self, path: str | Path, fields: Sequence[str] | None = None) -> Path:
@@ -239,7 +239,7 @@ class Run(ABC):
         probes = Probes(
             self.lattice.whole, points, 1 if every is None else steps_between(every, self.dt, "probes.every")
         )
-        self._watch(probes.nodes)
+        self._set_probes(probes.nodes)
         field, (inside, own) = self.fields["u"], self.lattice.own(probes.nodes)
         now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own].T
         probes.add(self.step_count, self.dt, self.team.completed(now, np.flatnonzero(inside), len(inside), 0)[None])
@@ -290,7 +290,7 @@ class Run(ABC):
         return found[next(iter(found)) if name is None else kinds.one_of(name, "name", found, "no such far field")]
 
     @abstractmethod
-    def _watch(self, nodes: np.ndarray) -> None:
+    def _set_probes(self, nodes: np.ndarray) -> None:
         """From now on, record u for the probes on nodes of the lattice (flat indices) after every step."""
 
     # --- results -----------------------------------------------------------------------------------------------

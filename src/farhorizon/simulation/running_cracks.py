@@ -41,9 +41,9 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Elastic
 from farhorizon.simulation.crack_tips import CrackTips
-from farhorizon.simulation.host import looked_at
+from farhorizon.simulation.process_group import ProcessGroup
+from farhorizon.simulation.reference_medium import reference_and_variation
 from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.team import Team
 
 #: Makes a run of a set-up, given its recorders: a `Simulation`, which is passed in because it imports this module.
 Runs = Callable[[Setup, Sequence[Any]], Any]
@@ -361,7 +361,7 @@ def _cache_file(model: Elastic, dim: int) -> Path:
     return cache_folder() / f"toughness_{mark.hexdigest()[:24]}.npz"
 
 
-def with_energy_factor(setup: Setup, runs: Runs, team: Team) -> Setup:
+def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
     """Return the set-up with a model whose bonds can convert its fracture energy into a critical stretch.
 
     Parameters
@@ -369,7 +369,7 @@ def with_energy_factor(setup: Setup, runs: Runs, team: Team) -> Setup:
     setup : Setup
     runs : callable
         Makes a run of a set-up, given its recorders.
-    team : Team
+    team : ProcessGroup
         Processes that compute the run; the first one determines the number.
 
     Raises
@@ -380,7 +380,7 @@ def with_energy_factor(setup: Setup, runs: Runs, team: Team) -> Setup:
     law = setup.model.bond_law
     if law is None or law.fracture_energy is None or law.energy_factor is not None or setup.model.bonds:
         return setup
-    medium, variation = looked_at(setup, team)
+    medium, variation = reference_and_variation(setup, team)
     ratio = np.ones(1) if variation.lame is None else variation.lame[0] / variation.lame[1]
     if team.largest(float(ratio.max())) + team.largest(-float(ratio.min())) > 10.0**-_DIGITS:
         raise InputError(

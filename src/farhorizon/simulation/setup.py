@@ -27,8 +27,8 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.of_field import OfField, names_field
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.kept import check_picklable
-from farhorizon.simulation.laws import law_of, livelier
+from farhorizon.simulation.laws import conductivity_ratio, law_of
+from farhorizon.simulation.pickling import check_picklable
 from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
@@ -61,7 +61,7 @@ def wanted_threads(threads: int | None) -> int:
         ) from None
 
 
-def _settled_source(source: Any, dim: int, key: str) -> Any:
+def _parsed_source(source: Any, dim: int, key: str) -> Any:
     """Return a source with every text in it converted to an expression."""
     if isinstance(source, Load):
         raise InputError(
@@ -159,16 +159,16 @@ constraints, balance, specimens, loads
         )
         self.model.check()
         if self.model.of_temperature is not None:
-            kinds.settle(self, **of_one_field(self.arguments, Setup))
+            kinds.set_fields(self, **of_one_field(self.arguments, Setup))
         initial = {} if self.initial is None else self.initial
-        kinds.settle(self, background=kinds.number(self.background, "background"))
+        kinds.set_fields(self, background=kinds.number(self.background, "background"))
         kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": ...}')
         for name in ("sources", "specimens", "loads", "cracks", "constraints"):
-            kinds.settle(self, **{name: tuple(kinds.sequence(getattr(self, name), name))})
+            kinds.set_fields(self, **{name: tuple(kinds.sequence(getattr(self, name), name))})
         kinds.flag(self.balance, "balance")
         beyond = sides(LatticePML() if self.boundary is None else self.boundary, lattice.dim)
         real = kinds.number_type(self.dtype)
-        kinds.settle(self, dtype=kinds.one_of(real, "dtype", ("float64", "float32"), "unknown number type"))
+        kinds.set_fields(self, dtype=kinds.one_of(real, "dtype", ("float64", "float32"), "unknown number type"))
         if self.rule is not None:
             kinds.one_of(self.rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
         kinds.one_of(self.rim, "rim", ("free", "fixed"), "unknown surface of a body")
@@ -186,14 +186,14 @@ constraints, balance, specimens, loads
             words = "a BodyForce, Traction, Pressure or ThermalLoad"
             known = kinds.instance(load, f"load[{i}]", Load, words, remedy).resolved(lattice)
             loads.append(kinds.instance(known, f"load[{i}]", (BodyForce, Traction, Pressure, ThermalLoad), words))
-        kinds.settle(self, loads=tuple(loads))
-        self._settle_heat()
-        kinds.settle(
+        kinds.set_fields(self, loads=tuple(loads))
+        self._resolve_heat()
+        kinds.set_fields(
             self,
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},
             initial={k: as_given(value, lattice.dim, f"initial.{k}", time=False) for k, value in initial.items()},
             sources=tuple(
-                _settled_source(source, lattice.dim, key)
+                _parsed_source(source, lattice.dim, key)
                 for source, key in zip(self.sources, keys("source", self.sources), strict=True)
             ),
             cracks=tuple(as_crack(crack, lattice.dim) for crack in self.cracks),
@@ -204,9 +204,9 @@ constraints, balance, specimens, loads
         if self.model.follows and lattice.whole is lattice:  # a part has the model of the whole
             there = np.array(self.background)
             laws = {name: law_of(one, ("u",), f"model.{name}") for name, one in self.model.follows.items()}
-            strongest = livelier(self)
+            strongest = conductivity_ratio(self)
             levels = {name: float(law(there)) for name, law in laws.items()}
-            kinds.settle(self, model=self.model.around(levels, strongest))
+            kinds.set_fields(self, model=self.model.around(levels, strongest))
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         check_picklable(self.arguments)
@@ -220,7 +220,7 @@ constraints, balance, specimens, loads
         made.__dict__.update(deepcopy(self.__dict__, memo))
         return made
 
-    def _settle_heat(self) -> None:
+    def _resolve_heat(self) -> None:
         """Settle the thermal load: its texts become expressions, and the model one with thermal strains."""
         found = [(i, one) for i, one in enumerate(self.loads) if isinstance(one, ThermalLoad)]
         if len(found) > 1:
@@ -237,7 +237,7 @@ constraints, balance, specimens, loads
             if load.coupled:
                 _check_coupled(given, self.lattice, key)
             loads = [replace(one, temperature=given) if one is load else one for one in self.loads]
-            kinds.settle(self, model=self.model.heated(load.coupled), loads=tuple(loads))
+            kinds.set_fields(self, model=self.model.heated(load.coupled), loads=tuple(loads))
 
     @property
     def heat(self) -> ThermalLoad | None:

@@ -14,9 +14,9 @@ from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Region, region_of, resolved_box
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.drives import ends_of, scheme_of
-from farhorizon.simulation.recorder import Heard, RowRecorder, Wanted, check_from_start, size_of_record
+from farhorizon.simulation.recorder import RecordRequest, RowRecorder, StepValues, check_from_start, size_of_record
 from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.source_terms import ends_of, scheme_of
 
 _KEY = "shell.box"
 _ROUNDING = 1e-12  # of the largest value: data and sources below this in the box count as absent
@@ -79,7 +79,7 @@ class ShellRecorder(RowRecorder):
         """The recorded data, independent of the run."""
         return Recorded(self.name, self.points, self.times, self.data, medium=self._medium)
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near, law = parts.whole.near, parts.near.model.bond_law
         if not isinstance(near.model.integrator, Verlet) or (law is not None and law.nonlinear):
             raise InputError(
@@ -98,7 +98,7 @@ class ShellRecorder(RowRecorder):
         self._medium = scheme.rate * _factor(setup, parts, of_whole)
         self.notes = _check_rest(parts, region)
         self.points, self._dt = region.places(nodes), near.dt
-        return Wanted(of_whole, ())
+        return RecordRequest(of_whole, ())
 
     def foresee(self, until: float, steps: int) -> None:
         """Determine, before a run, how much will be recorded.
@@ -113,13 +113,13 @@ class ShellRecorder(RowRecorder):
         start = f"{self.name} records the shell of a box: "
         self.notes = [note for note in self.notes if not note.startswith(start)] + [start + size]
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         check_from_start(step, "the shell of a box", "shell")
-        self._begin_rows({"u": _rows_of(heard.nodes[:0])})
-        self.add(0, Heard(heard.nodes[-1:], ()))
+        self._begin_rows({"u": _rows_of(step_values.nodes[:0])})
+        self.add(0, StepValues(step_values.nodes[-1:], ()))
 
-    def add(self, step: int, heard: Heard) -> None:
-        self._keep(np.arange(len(heard.nodes)) + step, {"u": _rows_of(heard.nodes)})
+    def add(self, step: int, step_values: StepValues) -> None:
+        self._keep(np.arange(len(step_values.nodes)) + step, {"u": _rows_of(step_values.nodes)})
 
 
 def _rows_of(nodes: np.ndarray) -> np.ndarray:
@@ -157,7 +157,7 @@ def _check_rest(parts: Parts, region: Region) -> list[str]:
     ends = zip(region.first, region.last, part.first, strict=True)
     inside[tuple(slice(max(low - first, 0), max(high + 1 - first, 0)) for low, high, first in ends)] = True
     for key, values in [("initial.u", parts.start.u), ("initial.v", parts.start.v)] + [
-        ("source", space) for space, _ in parts.drives.sources if space is not None
+        ("source", space) for space, _ in parts.source_terms.sources if space is not None
     ]:
         sizes = np.abs(values).reshape(-1, *inside.shape).max(0)
         most, within = largest(float(sizes.max())), largest(float(sizes[inside].max(initial=0)))
@@ -181,5 +181,5 @@ def _check_rest(parts: Parts, region: Region) -> list[str]:
                 key=_KEY,
                 remedy="a box outside that of the incident wave",
             )
-    moving = any(space is None for space, _ in parts.drives.sources)
+    moving = any(space is None for space, _ in parts.source_terms.sources)
     return ["a source that does not split into space and time must not act inside the recorded box"] if moving else []

@@ -25,30 +25,30 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.machine import uninterrupted
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.assembly import assemble, assemble_shared
+from farhorizon.simulation.assembly import assemble, assemble_subdomain
 from farhorizon.simulation.checkpoint_files import read_state, write_state
-from farhorizon.simulation.course import MOST_STEPS, checked_end, say_doubt, tick, warn
-from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.energies import present
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
+from farhorizon.simulation.halo_volume import rows_on_processes
 from farhorizon.simulation.laws import of_field
 from farhorizon.simulation.layer_choice import default_length
-from farhorizon.simulation.march import March
+from farhorizon.simulation.modified_setups import remade_setup, shortened_setup
+from farhorizon.simulation.outer_loop import MOST_STEPS, advance_clock, checked_end, warn, warn_once
 from farhorizon.simulation.overstretch import look_at
+from farhorizon.simulation.process_group import ProcessGroup
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
-from farhorizon.simulation.remaking import remade_setup, shortened_setup
-from farhorizon.simulation.rest import progress_of, take_progress
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
-from farhorizon.simulation.sent import rows_on_processes
-from farhorizon.simulation.settling import Settling, many_steps, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
-from farhorizon.simulation.share import Share, check_given
+from farhorizon.simulation.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
+from farhorizon.simulation.source_terms import incident_wave_notes, signals
+from farhorizon.simulation.steady_state import progress_of, take_progress
 from farhorizon.simulation.steps import last_step, seconds_of
-from farhorizon.simulation.team import Team
+from farhorizon.simulation.subdomain import Subdomain, check_given
 from farhorizon.simulation.thin_bodies import thin_note
+from farhorizon.simulation.time_loop import TimeLoop
 
 
 class Simulation(Run):
@@ -116,7 +116,7 @@ class Simulation(Run):
         these choices again.
     stop_requested : bool
         Set this to True (in a signal handler or an observer) to end `run` with a KeyboardInterrupt between two steps.
-    closure : Closure or None
+    closure : OutlineCondition or None
         The conditions along the outline of the near field.
     start_u, start_v : ndarray
         Initial values minus the background, and initial velocities.
@@ -167,7 +167,7 @@ class Simulation(Run):
         topology: Sequence[int] | None = None,
     ) -> None:
         what = (lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads)
-        team = Team.of(communicator)
+        team = ProcessGroup.of(communicator)
         with team.agreed():
             self._begin(Setup(*what, rule, rim, constraints, balance, specimens, loads), observe, team, topology)
 
@@ -182,47 +182,51 @@ class Simulation(Run):
             As in the constructor.
         """
         run = cls.__new__(cls)
-        run._begin(setup, observe, Team.of(communicator), topology)
+        run._begin(setup, observe, ProcessGroup.of(communicator), topology)
         return run
 
-    def _begin(self, setup: Setup, observe: Sequence[Observer], team: Team, topology: Sequence[int] | None) -> None:
+    def _begin(
+        self, setup: Setup, observe: Sequence[Observer], team: ProcessGroup, topology: Sequence[int] | None
+    ) -> None:
         """Assemble a set-up, go to its start, and set the attributes that other modules read."""
         self.setup, self.team, self.topology = setup, team, check_given(setup, observe, topology, team)
-        self.share: Share | None = None
+        self.subdomain: Subdomain | None = None
         with team.agreed():
             setup = with_energy_factor(setup, self.of, team)
             if team:
-                self.share, whole, parts = assemble_shared(setup, team, self.topology, observe)
+                self.subdomain, whole, parts = assemble_subdomain(setup, team, self.topology, observe)
             else:
                 parts = assemble(setup)
-        setup, self.parts = setup if self.share is None else self.share.setup, parts
-        near, around = parts.near, parts.around
+        setup, self.parts = setup if self.subdomain is None else self.subdomain.setup, parts
+        near, layered = parts.near, parts.layered
         self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
         self.stencil, self.engine = near.stencil, parts.grid.engine
-        self.sides, self.closure, self.prescribed = around.sides, parts.closure, near.prescribed
+        self.sides, self.closure, self.prescribed = layered.sides, parts.closure, near.prescribed
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
         self.of_field = of_field(setup)
         self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
-        self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
-        self.coefficients, self.incident, self.extents = around.coefficients, parts.incident, around.extents
-        every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # 0 beyond sides shared with a neighbour
-        self.beyond = {key: max(one[key] for one in every) for key in around.sides}
-        sides = settled_sides(around)
+        self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.source_terms.sources
+        self.coefficients, self.incident, self.extents = layered.coefficients, parts.incident, layered.extents
+        every = team.gather(
+            layered.beyond(near.stencil, near.lattice.spacing)
+        )  # 0 beyond sides shared with a neighbour
+        self.beyond = {key: max(one[key] for one in every) for key in layered.sides}
+        sides = resolved_sides(layered)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # end of the run, as far as it is known
         self._incident_notes: list[str] = []
         given = self.setup.sides if team else self.sides
-        self._settling = Settling(parts.autos, [key for key, b in given.items() if b.open_ended])
+        self._side_selection = SideSelection(parts.autos, [key for key, b in given.items() if b.open_ended])
         with team.agreed():
-            self.resting = self._march = March(setup, parts, self.of, team)
+            self.resting = self._time_loop = TimeLoop(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
-        self._recording = Recording(setup, seen, self.recorders, team, self._march.heating)
+        self._recording = Recording(setup, seen, self.recorders, team, self._time_loop.heating)
         if any(b.until for b in self._given_layers):
-            self._settle_alone()
+            self._select_sides_alone()
 
     # --- time stepping -----------------------------------------------------------------------------------------
 
@@ -237,8 +241,8 @@ class Simulation(Run):
             the whole run.
         """
         with self.team.agreed():
-            self._march.moving.check(until)
-        self._incident_notes = foreseen(self.incident, until)
+            self._time_loop.source_checks.check(until)
+        self._incident_notes = incident_wave_notes(self.incident, until)
 
     def prepare(self, until: float) -> int:
         """Prepare the sides, sources and exact ends of a run, as `run` does first; returns the number of the last step.
@@ -251,13 +255,13 @@ class Simulation(Run):
         self.team.alike({"run.until": until})
         if not self.step_count:  # before layers are chosen for sources that the run cannot have
             self.check_sources(until)
-        self._settling.settle(self, until)
+        self._side_selection.select(self, until)
         self.check_sources(until)
         self._incident_notes += many_steps(self, until)
-        if self.parts.around.undesigned and not self._end:
-            warn(self.parts.around.undesigned)
-        for text in outlasted(self.parts.around, until, self.dt):
-            if text not in outlasted(self.parts.around, self._end, self.dt):
+        if self.parts.layered.undesigned and not self._end:
+            warn(self.parts.layered.undesigned)
+        for text in extension_warnings(self.parts.layered, until, self.dt):
+            if text not in extension_warnings(self.parts.layered, self._end, self.dt):
                 warn(text)
         self._end = max(self._end, until)
         last = super().prepare(until)
@@ -281,10 +285,10 @@ class Simulation(Run):
             first = {"u": self.start_u + self.background, "v": self.start_v}
             known = {name: value for name, value in first.items() if name in (settled.initial or {})}
             other = self.of(replace(changed, initial=known), seen, self.team, self.topology)
-        kept = ("setup", "stop_requested", "probes", "_settling")
+        kept = ("setup", "stop_requested", "probes", "_side_selection")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
-            self._watch(self.probes.nodes)
+            self._set_probes(self.probes.nodes)
 
     @property
     def _given_layers(self) -> list[Any]:
@@ -292,16 +296,16 @@ class Simulation(Run):
         given = self.setup.sides if self.team else self.sides
         return [b for b in given.values() if b.stretched and not b.whole]
 
-    def _settle_alone(self) -> None:
+    def _select_sides_alone(self) -> None:
         """Choose the sides that state a length of the run or a target, for that length or a usual one, if that has not
         been done for a run.
         """
-        settling = self._settling
-        if self.step_count or settling.good_for or settling.autos:
+        side_selection = self._side_selection
+        if self.step_count or side_selection.good_for or side_selection.autos:
             return
         given = [b for b in self._given_layers if b.until or b.target is not None]
         if given:
-            self._settling.settle(self, max(b.until or 0.0 for b in given) or default_length(self.parts.near))
+            self._side_selection.select(self, max(b.until or 0.0 for b in given) or default_length(self.parts.near))
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps, which the compiled loop computes without returning to Python.
@@ -312,36 +316,39 @@ class Simulation(Run):
             The field became non-finite or grew beyond all bounds.
         """
         last = self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
-        self._settle_alone()
-        march = self._march
+        self._select_sides_alone()
+        time_loop = self._time_loop
         while self.step_count < last:
             with self.team.agreed():
                 with uninterrupted():  # engine, records and clock change together
-                    march.open_cracks(self.step_count)
+                    time_loop.open_cracks(self.step_count)
                     wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
-                    steps = march.allow(self.step_count, wanted)
-                    for made in march.advance(self.step_count, steps):
+                    steps = time_loop.allow(self.step_count, wanted)
+                    for made in time_loop.advance(self.step_count, steps):
                         self._recording.add(self.step_count + 1)
                         if self.probes is not None:
                             self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
-                        tick(self, made)
-                values, scale = self.engine.core.view(self.engine.current), self.team.largest(march.feed.scale)
+                        advance_clock(self, made)
+                values, scale = (
+                    self.engine.core.view(self.engine.current),
+                    self.team.largest(time_loop.source_table.scale),
+                )
                 place = self.parts.grid.origin, self.lattice.spacing, scale, self.step_count, self.time
                 refuse_explosion(values, *place, lambda: likely_cause(self))
             if self.parts.phases is not None and self.setup.specimens and not self.cautions:
                 if (warning := self.parts.phases.warning(self.team.largest(self.parts.phases.most))) is not None:
-                    say_doubt(self, "supersaturated", warning)
-            look_at(self, march.margin, march.every, self.engine.current)
+                    warn_once(self, "supersaturated", warning)
+            look_at(self, time_loop.margin, time_loop.every, self.engine.current)
 
-    def _watch(self, nodes: np.ndarray) -> None:
-        self._recording.watch(nodes)
+    def _set_probes(self, nodes: np.ndarray) -> None:
+        self._recording.set_probes(nodes)
 
     # --- results -----------------------------------------------------------------------------------------------
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the fields in the near field."""
-        return self._march.fields()
+        return self._time_loop.fields()
 
     def energy(self) -> float:
         """Energy of the near field: kinetic plus strain energy, or stored energy, from `energies`."""
@@ -363,7 +370,7 @@ class Simulation(Run):
         sides that extend the domain. Where no energy leaves through the sides and nothing is damped, kinetic + strain +
         broken - work is conserved: exactly for linear bonds, otherwise to within the error of the time step.
         """
-        return self._march.energies()
+        return self._time_loop.energies()
 
     @property
     def broken_bonds(self) -> int:
@@ -396,7 +403,7 @@ class Simulation(Run):
             raise InputError(
                 "this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)"
             )
-        return self._march.balance()
+        return self._time_loop.balance()
 
     def flux(self) -> np.ndarray:
         """Heat flux (or flux of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
@@ -437,9 +444,9 @@ class Simulation(Run):
     def notes(self) -> list[str]:
         """What is neglected beyond the near field, within the targets of the sides, or cannot be determined."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
-        overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
-        chosen = self._settling.doubts + self._settling.why
-        notes = self.parts.beyond.notes + ends + self._remarks + chosen + overdue + self._incident_notes
+        overdue = extension_warnings(self.parts.layered, max(self._end, self.time), self.dt)
+        chosen = self._side_selection.doubts + self._side_selection.why
+        notes = self.parts.exterior.notes + ends + self._remarks + chosen + overdue + self._incident_notes
         return notes + self._soft + self._recording.notes
 
     @cached_property
@@ -453,16 +460,16 @@ class Simulation(Run):
         by name of the side. They are chosen by `run` and `check`, which know the length; those of sides that state a
         length or a target also by `step` and on reading this attribute.
         """
-        self._settle_alone()
-        return self._settling.thickness
+        self._select_sides_alone()
+        return self._side_selection.thickness
 
     @property
     def doubts(self) -> list[str]:
         """Warnings about layers and extended domains that miss their targets, or may miss them; `notes` has the first
         ones, too.
         """
-        around = self.parts.around
-        return around.doubts + self._settling.doubts + [around.undesigned] * bool(around.undesigned)
+        layered = self.parts.layered
+        return layered.doubts + self._side_selection.doubts + [layered.undesigned] * bool(layered.undesigned)
 
     @property
     def ends(self) -> dict[str, str]:
@@ -487,7 +494,7 @@ class Simulation(Run):
     @property
     def targets(self) -> dict[Key, float]:
         """Fraction of the largest value that may be neglected beyond each absorbing side."""
-        return self.parts.beyond.targets
+        return self.parts.exterior.targets
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
         """How far the medium must be computed beyond some sides; see `farhorizon.simulation.extension`."""
@@ -519,7 +526,7 @@ class Simulation(Run):
             Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """
         self.team.alone("certificates")
-        self._settle_alone()
+        self._select_sides_alone()
         return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
@@ -543,10 +550,10 @@ class Simulation(Run):
         """
         self.team.alone("reports")
         if until is None:
-            self._settle_alone()
+            self._select_sides_alone()
         else:
-            self._settling.settle(self, checked_end(until, self.dt))
-            self._settling.assess_given(self, until)
+            self._side_selection.select(self, checked_end(until, self.dt))
+            self._side_selection.assess_given(self, until)
             self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget, rows_on_processes(self, self.topology))
@@ -556,13 +563,13 @@ class Simulation(Run):
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, with the memory of the boundaries, to a temporary file, which is then renamed."""
         kept = {"cautions": self.cautions, "extra": extra, **progress_of(self)}
-        path, given = kinds.path(path, "path"), self.given if self.share is None else self.share.given
-        write_state(path, self._march, self.step_count, self._recording.state(), kept, given)
+        path, given = kinds.path(path, "path"), self.given if self.subdomain is None else self.subdomain.given
+        write_state(path, self._time_loop, self.step_count, self._recording.state(), kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
         with self.team.agreed():
-            self._settling.adopt(self, path)
-        step, arrays, meta = read_state(kinds.path(path, "path"), self._march)
+            self._side_selection.adopt(self, path)
+        step, arrays, meta = read_state(kinds.path(path, "path"), self._time_loop)
         self.step_count, self.time = step, step * self.dt
         self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]

@@ -20,7 +20,15 @@ from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.quantities import QUANTITIES, Reading
 from farhorizon.simulation.receivers import POINT_KEYS, check_blocks, moduli_at
-from farhorizon.simulation.recorder import Arrays, Heard, Plane, Recorder, Wanted, check_begun, recorder_name
+from farhorizon.simulation.recorder import (
+    Arrays,
+    Plane,
+    Recorder,
+    RecordRequest,
+    StepValues,
+    check_begun,
+    recorder_name,
+)
 from farhorizon.simulation.setup import Setup
 
 _LINEAR = [name for name, quantity in QUANTITIES.items() if not quantity.moving]
@@ -142,7 +150,7 @@ class Spectra(Recorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         near = parts.whole.near
         lattice = near.lattice
         for name in self.record:
@@ -168,22 +176,22 @@ class Spectra(Recorder):
         self._medium = moduli_at(parts, self.points)
         self._sums = FourierSums(self.frequencies, self.every * near.dt, int(np.prod(self._shape)))
         if nodes is not None and not derived:
-            return Wanted(nodes, (), self.every)
+            return RecordRequest(nodes, (), self.every)
         axes = [None, *range(lattice.dim)] if derived else [None]
         blocks = [
             interpolation_blocks(lattice, self.points, self.interpolation, axis, "spectra.where") for axis in axes
         ]
         for axis, one in zip(axes, blocks, strict=True):
             check_blocks(setup, parts, self.points, one, self.interpolation, axis is not None, "spectra.where")
-        return Wanted(np.zeros(0, np.int64), tuple(blocks), self.every, heat=self._warm)
+        return RecordRequest(np.zeros(0, np.int64), tuple(blocks), self.every, heat=self._warm)
 
-    def start(self, step: int, heard: Heard) -> None:
+    def start(self, step: int, step_values: StepValues) -> None:
         self._sums = FourierSums(self.frequencies, self._sums.dt, int(np.prod(self._shape)))
-        self.add(step, Heard(heard.nodes[1:], tuple(one[1:] for one in heard.blocks)))
+        self.add(step, StepValues(step_values.nodes[1:], tuple(one[1:] for one in step_values.blocks)))
 
-    def add(self, step: int, heard: Heard) -> None:
+    def add(self, step: int, step_values: StepValues) -> None:
         kept = slice(-step % self.every, None, self.every)
-        rows = np.stack(heard.blocks, axis=-1)[kept] if heard.blocks else heard.nodes[kept]
+        rows = np.stack(step_values.blocks, axis=-1)[kept] if step_values.blocks else step_values.nodes[kept]
         self._sums.add(-(-step // self.every), rows.reshape(len(rows), int(np.prod(self._shape))))
 
     def state(self) -> Arrays:

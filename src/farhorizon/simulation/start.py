@@ -10,14 +10,14 @@ import numpy as np
 from farhorizon.boundaries import ExactEnds
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.exterior import Exterior
 from farhorizon.inputs.incidence import Incidence
-from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.sources import check_size, field, widened
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.process_group import ProcessGroup
 from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.solid_and_liquid import placed
-from farhorizon.simulation.team import Team
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Start:
     solid: np.ndarray
 
 
-def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Start:
+def start_of(setup: Setup, near: NearField, sides: Sides, exterior: Exterior) -> Start:
     """Return the initial data of a set-up.
 
     Raises
@@ -46,11 +46,13 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
         Initial values extend beyond the near field into the surrounding medium; an unknown field.
     """
     model, initial = near.model, setup.initial or {}
-    beyond = beyond.but_for(key for key, side in sides.items() if side.derivatives)  # data continue beyond these sides
-    u = _initial("u", setup, near, beyond)
+    exterior = exterior.but_for(
+        key for key, side in sides.items() if side.derivatives
+    )  # data continue beyond these sides
+    u = _initial("u", setup, near, exterior)
     known = ("u", "v") if model.order == 2 else ("u",)
     moving = "v" in initial and model.order == 2
-    v = _initial("v", setup, near, beyond) if moving else np.broadcast_to(0.0, near.field_shape)
+    v = _initial("v", setup, near, exterior) if moving else np.broadcast_to(0.0, near.field_shape)
     for name in set(map(str, initial)) - set(known):
         raise InputError("unknown initial field", value=name, limit=", ".join(known), key="initial")
     u = near.prescribed.start(u)
@@ -58,11 +60,13 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
     for number, specimen in enumerate(setup.specimens):
         if isinstance(specimen.where, Shape):
             shape = specimen.where
-            beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
+            exterior.check_function(
+                lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]"
+            )
     return Start(np.where(solid, metal - setup.background, u) if solid.any() else u, v, solid)
 
 
-def check_range(start: Start, dtype: str, team: Team) -> None:
+def check_range(start: Start, dtype: str, team: ProcessGroup) -> None:
     """Raise InputError for initial data whose squares overflow or underflow in the number type of the run."""
     for name, values in (("u", start.u), ("v", start.v)):
         check_size(values, f"initial.{name}", dtype, team.largest)
@@ -96,7 +100,7 @@ def own_step(setup: Setup, near: NearField, scatters: bool) -> list[str]:
     ]
 
 
-def begun(start: Start, incident: Sequence[Incidence]) -> Start:
+def with_incident_waves(start: Start, incident: Sequence[Incidence]) -> Start:
     """Return the initial data, including those of incident waves that are already in their boxes."""
     parts = [one.initial() for one in incident if not one.passage.rests]
     return (
@@ -104,7 +108,7 @@ def begun(start: Start, incident: Sequence[Incidence]) -> Start:
     )
 
 
-def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.ndarray:
+def _initial(name: str, setup: Setup, near: NearField, exterior: Exterior) -> np.ndarray:
     """Return initial values minus the background; refuses data that extend beyond the near field."""
     initial = setup.initial or {}
     level = near.background if name == "u" else 0.0
@@ -116,12 +120,12 @@ def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.nda
     known = [isinstance(entry, np.ndarray) for entry in entries]  # arrays are known on the lattice alone
     if any(known):
         seen = given if near.closed is not None else values
-        beyond.check_values(near.size(seen if all(known) else seen[known]), key)
+        exterior.check_values(near.size(seen if all(known) else seen[known]), key)
     if name in initial and not all(known):
         if any(known):
             value = [level if there else entry for entry, there in zip(entries, known, strict=True)]
         peak = float(np.abs(values).max(initial=0))
-        beyond.check_function(near.function(value), peak, key, level, "initial value")
+        exterior.check_function(near.function(value), peak, key, level, "initial value")
     return values
 
 

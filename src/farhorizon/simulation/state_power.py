@@ -88,7 +88,9 @@ def states_at(parts: Parts, nodes: np.ndarray) -> NodeStates:
     bonds, exists = [], engine.absent.exists
     for k, offset in enumerate(engine.offsets):
         other = here + int(offset @ np.array(engine.core.stride))
-        present = exists[here] & exists[other] & ~is_cut(engine.tables.gather.cuts, engine.layout.size, here, other)[0]
+        present = (
+            exists[here] & exists[other] & ~is_cut(engine.tables.gradient_pass.cuts, engine.layout.size, here, other)[0]
+        )
         there = index + offset[parts.grid.lead :]
         there = np.where(wraps, there % shape, there)
         within = (there >= 0) & (there < shape)

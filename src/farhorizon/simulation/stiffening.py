@@ -8,8 +8,8 @@ from scipy.linalg import eigh_tridiagonal
 from farhorizon.medium.scatter import uniform
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.process_group import ProcessGroup
 from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.team import Team
 
 # Lanczos iteration for the largest squared frequency: largest number of applications of the operator, and relative
 # residual, a bound of the error, at which it ends; small enough that a crack and its mirror image have the same step,
@@ -24,7 +24,7 @@ _UNSEEN = 3e-4
 _MORE, _MOST = 0.5, 0.02
 
 
-def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) -> float:
+def stiffening(near: NearField, grid: Grid, team: ProcessGroup, counted: float = 1.0) -> float:
     """Return the largest squared frequency over that of the medium with all its bonds; above 1 where states lack bonds
     or moduli vary.
 
@@ -32,7 +32,7 @@ def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) ->
     ----------
     near : NearField
     grid : Grid
-    team : Team
+    team : ProcessGroup
     counted : float
         Stiffening that the near field's rate already includes.
     """
@@ -61,7 +61,7 @@ def _may_stiffen(setup: Setup) -> bool:
     return not setup.model.bonds and (cut or bool(setup.model.varying) or setup.coefficient is not None)
 
 
-def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
+def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
     """Return the largest squared frequency of all nodes without the effect of layers, over all processes.
 
     The operator is symmetric, so Lanczos' method finds it, from below; nodes that never move are at zero.
@@ -69,7 +69,7 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
     Parameters
     ----------
     grid : Grid
-    team : Team
+    team : ProcessGroup
     known : float
         A rate below which the result need not be accurate.
     """
@@ -107,7 +107,7 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
     return float(unit * rate)
 
 
-def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]:
+def _noise(grid: Grid, team: ProcessGroup, places: np.ndarray) -> tuple[np.ndarray, int]:
     """Return the start vector of Lanczos' method, half of whose energy lies at nodes unlike the medium, and a number of
     applications: if no rate above the medium's has been found by then, the largest exceeds it by at most `_UNSEEN`.
 
@@ -130,12 +130,12 @@ def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]
     return values, int(np.ceil(np.log(numbers) / (4 * np.sqrt(_UNSEEN))))
 
 
-def _unlike(grid: Grid, team: Team, places: np.ndarray) -> np.ndarray:
+def _unlike(grid: Grid, team: ProcessGroup, places: np.ndarray) -> np.ndarray:
     """Return which nodes have states that lack bonds, or a neighbour along some axis with other moduli."""
     engine, passes = grid.engine, grid.engine.passes
     if passes is None:  # without states no absent bond makes another one stiffer
         return np.zeros(len(places), bool)
-    law = engine.tables.gather.sweep.law
+    law = engine.tables.gradient_pass.sweep.law
     found = np.isin(places, law.nodes)
     if team.any(bool(law.local.size)):
         near = engine.layout.near.node_indices()

@@ -10,9 +10,9 @@ from farhorizon.engine.settings import set_damping
 from farhorizon.errors import InputError
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.layered_sides import LayeredSides
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Sides, side_name
-from farhorizon.simulation.surroundings import Surroundings
 
 
 def _held(near: NearField) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +51,7 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], not
     (found, held), leak = _held(near), _leak(near)
     if not found.any() and not leak.any():
         return
-    busy = (found & ~held).any(0) | (leak > 0) & near.conditions.fed(leak.shape)
+    busy = (found & ~held).any(0) | (leak > 0) & near.conditions.heated(leak.shape)
     for (axis, side), boundary in sides.items():
         if not boundary.endless or boundary.exact or boundary.closing:
             continue
@@ -91,14 +91,14 @@ def _last(count: int, side: int, wanted: int) -> np.ndarray:
     return inwards if side < 0 else count - 1 - inwards
 
 
-def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_rim: bool) -> np.ndarray:
+def hold_and_damp(near: NearField, layered: LayeredSides, cuts: CutBonds, fixed_rim: bool) -> np.ndarray:
     """Give the engine the nodes that never move, and the damping of sponges and of surfaces that lose heat, in the core
     and in the layers next to it.
 
     Parameters
     ----------
     near : NearField
-    around : Surroundings
+    layered : LayeredSides
     cuts : CutBonds
     fixed_rim : bool
         Whether nodes outside a body are held.
@@ -118,8 +118,8 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
     held = np.concatenate([held, grid.walls])
     places: np.ndarray = np.union1d(engine.all_components(held), resting)
     tables = [(places, *np.zeros((3, len(places))))]
-    if any(b.damped for b in around.sides.values()):
-        tables.append(_damped(near, around, grid, held))
+    if any(b.damped for b in layered.sides.values()):
+        tables.append(_damped(near, layered, grid, held))
     tables.append((leaking, *np.ones((2, leaking.size)), leak))
     nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
     # a node of a sponge may also lose heat at a surface, but the engine takes each node only once
@@ -150,16 +150,16 @@ def _continued(near: NearField, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _damped(
-    near: NearField, around: Surroundings, grid: Grid, held: np.ndarray
+    near: NearField, layered: LayeredSides, grid: Grid, held: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the nodes of the sponges that are not held, their factors on the old and the new increment, and their loss
     rates.
     """
     layout, lead, model = grid.engine.layout, grid.lead, near.model
     rate = np.zeros(layout.box.nodes)
-    for (axis, side), boundary in around.sides.items():
+    for (axis, side), boundary in layered.sides.items():
         if boundary.damped:
-            values = boundary.damping(model.order, around.coefficients[axis, side], near.lattice.spacing)
+            values = boundary.damping(model.order, layered.coefficients[axis, side], near.lattice.spacing)
             line = np.zeros(layout.box.nodes[lead + axis])
             line[: len(values)] = values[::-1]
             rate = rate + line[::-side].reshape([-1 if a == lead + axis else 1 for a in range(3)])

@@ -200,7 +200,7 @@ class TrialRuns:
 
     def near_layer(self, key: Key) -> Layer:
         """Return the layer that a side has now."""
-        return self.run.parts.around.layers[key]
+        return self.run.parts.layered.layers[key]
 
     # --- the runs ----------------------------------------------------------------------------------------------
 
@@ -259,7 +259,7 @@ class TrialRuns:
     def _functions(self) -> int:
         """Number of functions that each step evaluates in Python."""
         parts = self.run.parts
-        return len(parts.drives.unsplit) + len(parts.of_field) + len(parts.incident)
+        return len(parts.source_terms.unsplit) + len(parts.of_field) + len(parts.incident)
 
     @staticmethod
     def _layers_of(sides: Mapping[Key, Side]) -> dict[Key, Layer]:
@@ -299,7 +299,7 @@ class TrialRuns:
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
-        others = self.run.parts.around.as_given()
+        others = self.run.parts.layered.as_given()
         try:
             return self.run.remade(boundary=others | {side_name(*key): side for key, side in sides.items()})
         except InputError:
@@ -386,7 +386,7 @@ class TrialRuns:
         there is no time for it.
         """
         nodes = max(self.near_layer(key).columns for key in self.keys)
-        as_given, found = self.run.parts.around.as_given(), np.nan
+        as_given, found = self.run.parts.layered.as_given(), np.nan
         for _ in range(2):
             nodes = min(thicker(nodes, self.apart), 2 * MOST)
             before = self._reference

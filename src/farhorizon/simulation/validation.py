@@ -15,7 +15,7 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
-from farhorizon.simulation.host import constants_of
+from farhorizon.simulation.reference_medium import constants_of
 from farhorizon.simulation.setup import Setup, Sides, side_name
 
 

@@ -44,7 +44,7 @@ class TileAddresses(NamedTuple):
 
     Attributes
     ----------
-    src, base, out, coefficient, alive, strength, closing, warmth, shares, final : int
+    src, base, out, coefficient, alive, strength, closing, thermal_strain, residual_stiffness, final : int
         The first node in the levels, and in the arrays of coefficients, of bits of the bonds that exist, of strengths,
         of bits of bonds that carry compression in any case, of thermal strains, of the shares of their stiffness that
         bonds keep, and of the stretches at which none is left.
@@ -64,8 +64,8 @@ class TileAddresses(NamedTuple):
     alive: int
     strength: int
     closing: int
-    warmth: int
-    shares: int
+    thermal_strain: int
+    residual_stiffness: int
     final: int
     broken: int
     table: int
@@ -123,8 +123,8 @@ class _Tile:
         components, nonlinear, real, self.rule, self.strong, self.contact, self.warm, self.softening = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         at, shape, self.a, self.b, limit = args
-        self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, warmth, *tables = at
-        self.shares, final, self.broken, self.table, self.places, self.zone = tables
+        self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, thermal_strain, *tables = at
+        self.residual_stiffness, final, self.broken, self.table, self.places, self.zone = tables
         self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (
@@ -143,8 +143,10 @@ class _Tile:
         ]
         self.strength = self.vectors.shifted(strength, (1, first))
         self.strengths = [self.vectors.load(self.place(self.strength, row, 0)) for row in self.rows if self.strong]
-        self.warmth = self.vectors.shifted(warmth, (1, first))
-        self.warmths = [self.vectors.load(self.place(self.warmth, row, 0)) for row in self.rows if self.warm]
+        self.thermal_strain = self.vectors.shifted(thermal_strain, (1, first))
+        self.thermal_strains = [
+            self.vectors.load(self.place(self.thermal_strain, row, 0)) for row in self.rows if self.warm
+        ]
         self.final = self.vectors.shifted(final, (1, first))
 
     def constant(self, value: float) -> Any:
@@ -216,7 +218,7 @@ class _Tile:
         """e less the thermal strains of both ends; `curved`: lanes in which the bond follows the law."""
         if not self.warm:
             return e
-        both = self.builder.fadd(self.warmths[row], self.beyond(bond, row, self.warmth))
+        both = self.builder.fadd(self.thermal_strains[row], self.beyond(bond, row, self.thermal_strain))
         cold = self.builder.fsub(e, both)
         return cold if curved is None else self.builder.select(curved, cold, e)
 
@@ -254,7 +256,7 @@ class _Tile:
         root = self.call("sqrt", self.builder.fadd(e, one))
         return self.builder.fdiv(e, self.builder.fadd(one, root))
 
-    def share(self, e: Any, bond: Any, row: int) -> Any:
+    def residual(self, e: Any, bond: Any, row: int) -> Any:
         """Share of a bond's stiffness that a stretch beyond the limit leaves; zero where both limits are equal."""
         builder = self.builder
         stretch, onset = self.elongation(e), self.elongation(self.limit_of(bond, row))
@@ -386,11 +388,11 @@ def _soften(
     """
     builder, vectors, real = tile.builder, tile.vectors, ir.DoubleType()
     xi, inverse, stiffness = material
-    place = tile.place(vectors.shifted(tile.shares, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
+    place = tile.place(vectors.shifted(tile.residual_stiffness, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
     before = vectors.load(place)
     entry = builder.block
     with builder.if_then(tile.any(over)):
-        now = builder.select(over, tile.least(tile.share(e, bond, row), before), before)
+        now = builder.select(over, tile.least(tile.residual(e, bond, row), before), before)
         vectors.store(now, place)
         ago = tile.stretch(xi, inverse, tile.differences_before(bond, row), curved)[0]
         both = builder.fmul(tile.elongation(e), tile.elongation(tile.mechanical(ago, bond, row, curved)))
@@ -400,9 +402,11 @@ def _soften(
         lost = vectors.sum([one if one.type == real else builder.fpext(one, real) for one in lanes])
         ends = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
         number = builder.uitofp(builder.ctpop(builder.bitcast(ends, ir.IntType(LANES))), real)
-        for column, (value, share) in enumerate(((lost, 0.25), (number, 0.5))):
+        for column, (value, residual) in enumerate(((lost, 0.25), (number, 0.5))):
             pointer = vectors.pointer(builder.add(tile.broken, I64(8 * column)), real)
-            builder.store(builder.fadd(builder.load(pointer), builder.fmul(value, ir.Constant(real, share))), pointer)
+            builder.store(
+                builder.fadd(builder.load(pointer), builder.fmul(value, ir.Constant(real, residual))), pointer
+            )
         softened = builder.block
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     found = []

@@ -21,7 +21,7 @@ def solid(shape, sides, kernel=SPACE, young=1.0, real="float64", of=None, **more
     heat = fh.Heat(fh.Kernel(1.5), specific_heat=0.5, conductivity=0.1)
     model = fh.Thermoelastic(fh.Elastic(kernel, young, **(of or {})), heat, 0.02, 300.0)
     sim = fh.Simulation(lattice, model, sides, dtype=real, **more)
-    assert sim.parts.warm
+    assert sim.parts.thermoelastic
     return sim
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from farhorizon.engine.settings import set_dependents
 from farhorizon.errors import InputError
 from farhorizon.inputs.sources import steady
-from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.source_terms import SourceTerm
 
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 _LARGEST_POWER = 700.0  # of e that is a finite number
@@ -38,14 +38,14 @@ class Batch:
     amplitudes: np.ndarray
 
 
-class Feed:
+class SourceTable:
     """The drives of a run.
 
     Parameters
     ----------
     near : NearField
     grid : Grid
-    drives : sequence of Drive
+    source_terms : sequence of SourceTerm
         Sources, loads, conditions and incident waves.
     phases : SolidAndLiquid or None
         Phases of a corrosion: no source may act on metal.
@@ -59,10 +59,15 @@ class Feed:
     """
 
     def __init__(
-        self, near: NearField, grid: Grid, drives: Sequence[Drive], phases: SolidAndLiquid | None, scale: float
+        self,
+        near: NearField,
+        grid: Grid,
+        source_terms: Sequence[SourceTerm],
+        phases: SolidAndLiquid | None,
+        scale: float,
     ) -> None:
-        self.near, self.grid, self.drives, self.phases, self.scale = near, grid, list(drives), phases, scale
-        self._nodes = grid.indices if self.drives else np.zeros(0, np.int64)
+        self.near, self.grid, self.source_terms, self.phases, self.scale = near, grid, list(source_terms), phases, scale
+        self._nodes = grid.indices if self.source_terms else np.zeros(0, np.int64)
         self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
 
     def prescribe(self) -> None:
@@ -70,8 +75,8 @@ class Feed:
         engine, table, near = self.grid.engine, self.near.conditions, self.grid.indices
         set_dependents(engine, near[table.nodes], table.starts, near[table.references], table.weights)
         if table.nodes.size:
-            fields = _rows(self._fields(table.drives, table.nodes.shape, 0, (0.0,)), np.arange(table.nodes.size))
-            amplitudes = self._amplitudes(table.drives, 0, (0.0,), np.ones((1, 1)), 1)
+            fields = _rows(self._fields(table.source_terms, table.nodes.shape, 0, (0.0,)), np.arange(table.nodes.size))
+            amplitudes = self._amplitudes(table.source_terms, 0, (0.0,), np.ones((1, 1)), 1)
             self.scale = max(self.scale, _largest(fields, amplitudes))
             engine.set_dependent_values(amplitudes[0, 0] @ fields)
 
@@ -82,7 +87,7 @@ class Feed:
     def force(self, t: float) -> np.ndarray:
         """Return the action of the sources at a time, in the shape of the field."""
         total = np.zeros(self.near.field_shape)
-        for space, time in self.drives:
+        for space, time in self.source_terms:
             total += time(t) if space is None else space * time(t)
         return total * self.near.model.source_factor
 
@@ -90,7 +95,7 @@ class Feed:
         """Advance the engine by `steps` steps from number `step` on; yields each batch of them once it is computed."""
         near, engine = self.near, self.grid.engine
         dtype, stages, held = engine.dtype, len(engine.stages.numbers), near.conditions
-        if not self.drives and not held.nodes.size:
+        if not self.source_terms and not held.nodes.size:
             nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
             engine.advance(steps, np.zeros(0, np.int64), nothing, still, self._prescribed(step, steps))
             self._grow(steps)
@@ -100,21 +105,21 @@ class Feed:
         samples, weights = integrator.source_samples(near.dt)
         prescribed_samples, held_weights = integrator.prescribed_samples(near.dt)
         weights = weights * near.model.source_factor
-        general = any(space is None for space, _ in self.drives + held.drives)
-        count = len(self.drives + held.drives)
+        general = any(space is None for space, _ in self.source_terms + held.source_terms)
+        count = len(self.source_terms + held.source_terms)
         every = np.arange(held.nodes.size)
         batch = 1 if general else max(1, min(steps, _TABLE // max(stages * count, 1)))
         end = step + steps
         while step < end:
             n = min(batch, end - step)
             places, strength = self._strengths(step, samples)
-            amplitudes = self._amplitudes(self.drives, step, samples, weights, n)
+            amplitudes = self._amplitudes(self.source_terms, step, samples, weights, n)
             if general and self.phases is not None:
                 busy = np.zeros(near.lattice.shape, bool)
                 busy.ravel()[places] = True
                 self.phases.refuse_wet(busy)
-            values = _rows(self._fields(held.drives, held.nodes.shape, step, prescribed_samples), every)
-            times = self._amplitudes(held.drives, step, prescribed_samples, held_weights, n)
+            values = _rows(self._fields(held.source_terms, held.nodes.shape, step, prescribed_samples), every)
+            times = self._amplitudes(held.source_terms, step, prescribed_samples, held_weights, n)
             engine.advance(
                 n,
                 self._nodes[places],
@@ -151,24 +156,24 @@ class Feed:
         """
         if self._lasting is not None:
             return self._lasting
-        fields = self._fields(self.drives, self.near.field_shape, step, samples)
+        fields = self._fields(self.source_terms, self.near.field_shape, step, samples)
         busy = np.zeros(int(np.prod(self.near.field_shape)), bool)
         for values in fields:
             busy |= values != 0
         places = np.flatnonzero(busy)
         found = places, _rows(fields, places)
-        if all(space is not None for space, _ in self.drives):
+        if all(space is not None for space, _ in self.source_terms):
             self._lasting = found
         return found
 
     def _fields(
-        self, drives: Sequence[Drive], shape: tuple[int, ...], step: int, samples: Sequence[float]
+        self, source_terms: Sequence[SourceTerm], shape: tuple[int, ...], step: int, samples: Sequence[float]
     ) -> list[np.ndarray]:
         """Return the fields of drives over nodes: one for each drive that splits into space and time, otherwise one for
         each sample time of the next step.
         """
         start, found = self.near.dt * step, []
-        for space, time in drives:
+        for space, time in source_terms:
             if space is None:
                 found += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
             else:
@@ -176,12 +181,12 @@ class Feed:
         return found
 
     def _amplitudes(
-        self, drives: Sequence[Drive], step: int, samples: Sequence[float], weights: np.ndarray, count: int
+        self, source_terms: Sequence[SourceTerm], step: int, samples: Sequence[float], weights: np.ndarray, count: int
     ) -> np.ndarray:
         """Return the amplitudes of the fields in each stage of `count` steps from one on, shape (count, stages, j)."""
         times = self.near.dt * (step + np.arange(count))
         table: list[np.ndarray] = []
-        for space, time in drives:
+        for space, time in source_terms:
             if space is None:
                 table += [np.broadcast_to(weights[:, i], (1, len(weights))) for i in range(len(samples))]
             elif time is steady:

@@ -18,12 +18,12 @@ from farhorizon.engine.engine import Layer
 from farhorizon.engine.settings import give_heat_beyond
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.layered_sides import LayeredSides
 from farhorizon.simulation.near_field import heat_alone
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.surroundings import Surroundings
 
 
-def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
+def thermoelastic_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     """Return the sides beyond which the temperature continues with the displacements. There are none if some other side
     absorbs, if the integrator of the heat has several stages, if the heat's background is not the reference
     temperature, or if uncoupled heat is unstable with the time step of the solid.
@@ -48,11 +48,11 @@ def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     return frozenset(found) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
 
 
-def warm_margins(setup: Setup, warm: Collection[Key], around: Surroundings) -> dict[Key, int]:
+def thermoelastic_margins(setup: Setup, thermoelastic: Collection[Key], layered: LayeredSides) -> dict[Key, int]:
     """Return the numbers of nodes of the core in front of layers of both fields, which keep data and sources out of
     them.
     """
-    return {key: 1 + max(_reaches(setup, key[0])) for key in warm if key in around.layers}
+    return {key: 1 + max(_reaches(setup, key[0])) for key in thermoelastic if key in layered.layers}
 
 
 def _reaches(setup: Setup, axis: int) -> list[int]:
@@ -62,31 +62,31 @@ def _reaches(setup: Setup, axis: int) -> list[int]:
     return [model.medium(lattice.spacing, lattice.dim).reach[axis] for model in models]
 
 
-def heat_front(setup: Setup, warm: Collection[Key], until: float, error: float) -> int:
+def heat_front(setup: Setup, thermoelastic: Collection[Key], until: float, error: float) -> int:
     """Return the number of nodes beyond a side for which the heat that returns from the end of an extended domain is at
     most an error.
     """
-    if not warm or setup.heat is None:
+    if not thermoelastic or setup.heat is None:
         return 0
     heat = heat_alone(setup.heat.temperature)
     diffusivity = heat.model.coefficient * heat.strongest
     return int(np.ceil(np.sqrt(diffusivity * until * np.log(1 / error)) / heat.lattice.spacing))
 
 
-def sides_of_heat(around: Surroundings, margins: Mapping[Key, int], warm: Collection[Key]) -> dict[Key, Side]:
+def sides_of_heat(layered: LayeredSides, margins: Mapping[Key, int], thermoelastic: Collection[Key]) -> dict[Key, Side]:
     """Return the sides that the heat shares with the solid, in the form for the heat.
 
     Parameters
     ----------
-    around : Surroundings
+    layered : LayeredSides
         Surroundings of the solid. The damping of its layers is left out: the temperature does not need it.
     margins : mapping of (axis, side) to int
         Nodes of the core beyond the near field.
-    warm : collection of (axis, side)
+    thermoelastic : collection of (axis, side)
     """
     found: dict[Key, Any] = {}
-    for key in warm:
-        layer, side = around.layers.get(key), around.sides[key]
+    for key in thermoelastic:
+        layer, side = layered.layers.get(key), layered.sides[key]
         if layer is None:
             found[key] = replace(side, nodes=max(1, margins[key]))
         else:
@@ -102,7 +102,7 @@ def heat_beside(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Set
     return replace(heat, dt=dt, balance=False, boundary={**heat.boundary, **named})
 
 
-class WarmNodes:
+class ThermoelasticNodes:
     """Nodes beyond the near field that both fields have: those of the layers and in front of them.
 
     Parameters

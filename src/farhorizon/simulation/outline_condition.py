@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion, half_weights
-from farhorizon.boundaries import Closure, Exact, ExactEnds, Outline
+from farhorizon.boundaries import Exact, ExactEnds, Outline, OutlineCondition
 from farhorizon.boundaries.outline import SERIES, Medium
 from farhorizon.errors import InputError
 from farhorizon.medium.kernel import Kernel
@@ -14,7 +14,7 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Sides, side_name
 
 
-def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closure | None:
+def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> OutlineCondition | None:
     """Return the conditions along the outline; None if there are none.
 
     Raises
@@ -55,9 +55,9 @@ def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closu
         0.0 if kernel is None else kernel.horizon,
         () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
     )
-    closure = Closure(outline, medium)
+    closure = OutlineCondition(outline, medium)
     closure.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
-    _check_fringe(closure, near, grid, solid)
+    _check_outline(closure, near, grid, solid)
     return closure
 
 
@@ -75,7 +75,7 @@ def _check_solid(near: NearField) -> None:
         )
 
 
-def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarray) -> None:
+def _check_outline(closure: OutlineCondition, near: NearField, grid: Grid, solid: np.ndarray) -> None:
     """Raise InputError unless a condition along the outline reads the homogeneous medium only: no other material, no
     end of a body, no metal and no constraint.
     """

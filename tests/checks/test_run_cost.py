@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.checks.price import Price, extended_price, price, seconds_near_breaking
+from farhorizon.checks.run_cost import RunCost, extended_run_cost, run_cost, seconds_near_breaking
 
 PULSE = {1: "exp(-(x-20)**2/8)", 2: "exp(-((x-20)**2 + (y-12)**2)/8)", 3: "exp(-((x-6)**2 + (y-6)**2 + (z-6)**2)/4)"}
 SHAPE = {1: (40,), 2: (40, 24), 3: (13, 13, 13)}
@@ -17,7 +17,7 @@ def test_nodes_and_memory_are_those_of_the_extended_domain(dim):
     layered = fh.Simulation(lattice, model, fh.LatticePML(target=1e-4, until=30.0), start)
     extended = fh.Simulation(lattice, model, fh.Extended(target=1e-4, until=30.0), start)
     extended.prepare(30.0)
-    told, known = extended_price(layered, 30.0, list(layered.sides)), price(extended)
+    told, known = extended_run_cost(layered, 30.0, list(layered.sides)), run_cost(extended)
     assert told.nodes == known.nodes > np.prod(SHAPE[dim])
     assert told.memory == pytest.approx(known.memory, rel=0.02)
     assert told.seconds > 0
@@ -30,14 +30,14 @@ def test_a_large_domain_is_priced_by_a_smaller_one():
     layered = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4, until=600.0), start)
     extended = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.Extended(target=1e-4, until=600.0), start)
     extended.prepare(600.0)
-    told, known = extended_price(layered, 600.0, list(layered.sides)), price(extended)
+    told, known = extended_run_cost(layered, 600.0, list(layered.sides)), run_cost(extended)
     assert told.nodes == known.nodes > 400_000
     assert told.memory == pytest.approx(known.memory, rel=0.05)
 
 
 def test_prices_in_words():
-    assert Price(1.0, 2.0, 3.0).over(Price(1.0, 1.0, 2.0)) == "2 times the time, 1.5 times the memory"
-    assert Price(1.0, 0.5, 1.0).over(Price(1.0, 1.0, 2.0)) == "only 0.5 of the time, 0.5 times the memory"
+    assert RunCost(1.0, 2.0, 3.0).over(RunCost(1.0, 1.0, 2.0)) == "2 times the time, 1.5 times the memory"
+    assert RunCost(1.0, 0.5, 1.0).over(RunCost(1.0, 1.0, 2.0)) == "only 0.5 of the time, 0.5 times the memory"
 
 
 @pytest.mark.parametrize("dim", [2, 3])

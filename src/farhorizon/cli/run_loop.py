@@ -47,7 +47,7 @@ class RunFiles(NamedTuple):
         return self.folder / self.name
 
 
-def march(
+def advance_run(
     options: argparse.Namespace, case: Any, sim: Any, files: RunFiles, until: float, last: int
 ) -> tuple[RunResults, int, int]:
     """Begin or resume the files of a run and advance it to its last step, or until a signal arrives; returns its
@@ -58,7 +58,7 @@ def march(
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
         nodes = round(sim.team.total({"nodes": sim.lattice.nodes})["nodes"])
-        boxes = "" if sim.share is None else f" on {sim.team.size} processes in {sim.share.words} boxes"
+        boxes = "" if sim.subdomain is None else f" on {sim.team.size} processes in {sim.subdomain.words} boxes"
         print(
             f"{case.name}: {nodes} nodes{boxes}, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
             f"{last} steps to t = {last * sim.dt:g}; "

@@ -3,9 +3,9 @@ same stretched shifts as those of the displacements.
 
 There are two further passes with one number per node: from thermal strains to forces, and from displacements to the
 traces of the stresses. For bonds with a law of their own their plain sums are computed in the zone (`engine.bonds`);
-those of all others are computed by `engine.warmth`, and this module provides what the layers add. Where nodes have
-states, thermal strains act node by node and pass through the layers with the results of the law; the two passes are
-then those of the springs.
+those of all others are computed by `engine.thermal_strain`, and this module provides what the layers add. Where nodes
+have states, thermal strains act node by node and pass through the layers with the results of the law; the two passes
+are then those of the springs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from farhorizon.engine.surface import no_surface
 from farhorizon.engine.tables import Cuts, Sweep
 
 
-class WarmLayers:
+class ThermoelasticLayers:
     """Makes the tables of both passes.
 
     Parameters
@@ -76,12 +76,13 @@ class WarmLayers:
         )
         self.traces = aligned_zeros(engine.layout.size, engine.dtype)
 
-    def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
+    def tables(self, bond_stencil: Sweep) -> tuple[Pass, Pass]:
         """Return both passes, on the box over which the springs are swept."""
-        none, dtype = np.zeros(0, np.int64), springs.general.dtype
+        none, dtype = np.zeros(0, np.int64), bond_stencil.general.dtype
         cuts, surface = Cuts(none, none, np.zeros(0, dtype)), no_surface(dtype)
         pushes, traces = (
-            Pass(springs, tables.layers, cuts, surface, tables.columns, tables.rows) for tables in self.layer_tables
+            Pass(bond_stencil, tables.layers, cuts, surface, tables.columns, tables.rows)
+            for tables in self.layer_tables
         )
         return pushes, traces
 

@@ -17,20 +17,20 @@ from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.broken_bonds import BrokenBonds
 from farhorizon.simulation.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.cuts import Bonds
-from farhorizon.simulation.drives import Moving, courses
 from farhorizon.simulation.energies import energies, kinetic_energy, present
-from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.heat_in_steps import HeatInSteps
 from farhorizon.simulation.heat_of_deformation import HeatOfDeformation
 from farhorizon.simulation.heating import Heating
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.start import Motion, begun, continued
-from farhorizon.simulation.team import ALONE, Team
-from farhorizon.simulation.warm_sides import sides_of_heat
+from farhorizon.simulation.source_table import SourceTable
+from farhorizon.simulation.source_terms import SourceChecks, time_histories
+from farhorizon.simulation.start import Motion, continued, with_incident_waves
+from farhorizon.simulation.thermoelastic_sides import sides_of_heat
 
 
-class March:
+class TimeLoop:
     """Time stepping of the parts of a run; the constructor brings the engine to the start.
 
     Parameters
@@ -39,14 +39,14 @@ class March:
     parts : Parts
     run_of : callable
         Makes a run of a set-up, given its observers and a team, for a temperature that is computed alongside.
-    team : Team
+    team : ProcessGroup
         The processes that compute the run.
 
     Attributes
     ----------
-    team : Team
-    feed : Feed
-    moving : Moving
+    team : ProcessGroup
+    source_table : SourceTable
+    source_checks : SourceChecks
     flow_balance : FlowBalance or None
         Flow balance of diffusion, if it is recorded.
     heating : Heating or None
@@ -66,54 +66,56 @@ class March:
         Initial data that would break bonds at once, a balance where there is none.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: Team = ALONE) -> None:
+    def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: ProcessGroup = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
-        near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
-        self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt, courses(setup, near))
+        near, grid, sides, start = parts.near, parts.grid, parts.layered.sides, parts.start
+        self.source_checks = SourceChecks(
+            parts.source_terms.unsplit, parts.exterior, near.dt, time_histories(setup, near)
+        )
         self.flow_balance: FlowBalance | None = None
         self._severed: Bonds | None = None
         self._opened = len(setup.cracks)
         self.open_cracks(0)
         self.first_cuts = int(grid.engine.absent.count)
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
-        self._begun = begun(start, parts.incident)
+        self._begun = with_incident_waves(start, parts.incident)
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
-        self._motion = Motion(near, grid, parts.ends, self.feed.force)
+        self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, 1e-300, *held]))
+        self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
         self.heating = self._heating(run_of)
         self._lay_start()
         if parts.breaking is not None:
             with team.agreed():
-                parts.breaking.check_start(self.feed.force(0.0))
+                parts.breaking.check_start(self.source_table.force(0.0))
         self.first_energy = 0.0
         if setup.balance and setup.lasting:
             found = self.energies()
             self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
-            count = len(parts.drives.sources)
-            given = parts.phases, parts.ends, self.feed, count, team, parts.of_field
+            count = len(parts.source_terms.sources)
+            given = parts.phases, parts.ends, self.source_table, count, team, parts.of_field
             self.flow_balance = FlowBalance(setup, near, sides, grid, *given)
         self._find_margin()
 
     def _heating(self, run_of: Callable[..., Any]) -> Heating | None:
         """Return the temperature that strains the medium; None if there is none."""
-        load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
+        load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.layered.sides
         if load is None:
             return None
         broken = self._broken(load)
-        if not (load.coupled or self.parts.warm):
+        if not (load.coupled or self.parts.thermoelastic):
             return Heating(load, near, grid, sides, run_of, self.team, broken)
 
-        margins = {key: grid.margins[key] for key in self.parts.warm}
+        margins = {key: grid.margins[key] for key in self.parts.thermoelastic}
 
-        def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> March:
+        def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> TimeLoop:
             with of_the_heat():
                 parts = assemble(setup, margins)
-                return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
+                return TimeLoop(setup, replace(parts, active_terms=[*parts.active_terms, (None, source)]), run_of)
 
-        shared = sides_of_heat(self.parts.around, grid.margins, self.parts.warm)
+        shared = sides_of_heat(self.parts.layered, grid.margins, self.parts.thermoelastic)
         kind = HeatOfDeformation if load.coupled else HeatInSteps
         return kind(load, near, grid, sides, shared, driven, broken)
 
@@ -134,14 +136,14 @@ class March:
         """Give the engine the initial level, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
         self._warm(0)
-        beyond = {name: continued(name, self.setup, near, self.parts.around.sides, grid) for name in ("u", "v")}
+        beyond = {name: continued(name, self.setup, near, self.parts.layered.sides, grid) for name in ("u", "v")}
         # in diffusion all levels, because the sweep skips metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
             if beyond["u"] is not None:
                 grid.engine.core.view(level)[...] = beyond["u"]
             grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
-        self.feed.prescribe()
-        self.feed.hold(0)
+        self.source_table.prescribe()
+        self.source_table.hold(0)
         if near.model.order == 2:
             # the medium beyond an outline is at rest
             outside = np.zeros(0, np.int64) if closure is None else closure.unmoved
@@ -154,14 +156,14 @@ class March:
     def _warm(self, step: int) -> None:
         """Update the thermal strains, if there are any, and the displacements that they explain."""
         if self.heating is not None:
-            self.feed.scale = max(self.feed.scale, self.heating.lay(step))
+            self.source_table.scale = max(self.source_table.scale, self.heating.lay(step))
 
     def energies(self) -> dict[str, float]:
         """Return the energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
         cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
         held = self.setup.rim == "fixed"
-        found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held)
+        found = energies(parts.near, parts.layered.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held)
         return self.team.total(found if self.heating is None else found | self.heating.energies())
 
     @property
@@ -185,14 +187,14 @@ class March:
         moved = np.abs(self.parts.near.visible(np.subtract(now, then, dtype=float)))
         return self.team.largest(float(moved.max(initial=0, where=~np.isnan(moved)))) / since
 
-    def driven(self, t: float) -> list[np.ndarray]:
+    def loading_at(self, t: float) -> list[np.ndarray]:
         """Return all that drives the run at a time: amplitudes of sources and conditions that split into space and
         time, values of others, values of prescribed nodes, and which cracks are open.
         """
         near = self.parts.near
-        drives = [*self.feed.drives, *near.conditions.drives]
+        source_terms = [*self.source_table.source_terms, *near.conditions.source_terms]
         opened = np.array([crack.opens <= t for crack in self.setup.cracks], float)
-        return [*(np.asarray(time(t), float) for _, time in drives), *near.prescribed.now(t), opened]
+        return [*(np.asarray(time(t), float) for _, time in source_terms), *near.prescribed.now(t), opened]
 
     def fields(self) -> dict[str, np.ndarray]:
         """Return copies of the fields in the near field by name, see `farhorizon.Simulation`."""
@@ -269,7 +271,7 @@ class March:
         """Make `steps` steps from number `step` on; yields the number of steps of each batch after it."""
         if self.heating is not None and self.heating.due(step):
             self._warm(step)
-        for batch in self.feed.advance(step, steps):
+        for batch in self.source_table.advance(step, steps):
             if self.heating is not None:
                 self.heating.follow(step)
             if self.flow_balance is not None:
@@ -282,7 +284,7 @@ class March:
 
     def _hold(self, step: int) -> None:
         """Tell the engine and the balance which nodes follow a prescribed value from a step on."""
-        self.feed.hold(step)
+        self.source_table.hold(step)
         if self.flow_balance is not None:
             self.flow_balance.hold(step)
 
@@ -325,7 +327,11 @@ class March:
         arrays: Arrays = values_of(engine, self._seen)
         meta: dict[str, Any] = {"step": step, "phase": int(engine.phase)}
         meta |= {"seen_at": self._seen_at} if self._seen else {}
-        meta |= {"boxes": self.team.gather(self.box), "scale": self.team.largest(self.feed.scale), "sums": self.sums()}
+        meta |= {
+            "boxes": self.team.gather(self.box),
+            "scale": self.team.largest(self.source_table.scale),
+            "sums": self.sums(),
+        }
         meta["first_amounts"] = {} if balance is None else balance.first
         if not self.team:
             more, facts = whole_of(self.parts)
@@ -354,7 +360,7 @@ class March:
             if common(own, box, (0, 1, 2)) is not None and not made.add(box, arrays):
                 return False
         self.team.gather(None)  # raises if another process lacks a part and makes no further calls
-        engine.phase, engine.steps_done, self.feed.scale = int(meta["phase"]), step, float(meta["scale"])
+        engine.phase, engine.steps_done, self.source_table.scale = int(meta["phase"]), step, float(meta["scale"])
         alone = not self.team and len(meta["boxes"]) == 1
         if self.heating is not None:
             self.heating.take(arrays, meta)

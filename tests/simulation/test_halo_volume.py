@@ -3,17 +3,17 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.sent import (
+from farhorizon.simulation.halo_volume import (
     _LEFT,
     _WHOLE,
+    cost_of_boxes,
     efficiency,
+    halo_bytes_along,
     rows_on_processes,
-    sent_along,
     swept_ahead,
-    work_of_boxes,
 )
-from farhorizon.simulation.share import boxes_of, work_beyond
-from farhorizon.simulation.work import work_of
+from farhorizon.simulation.load_balance import cost_per_node
+from farhorizon.simulation.subdomain import boxes_of, cost_beyond
 
 
 def square(**more):
@@ -23,8 +23,10 @@ def square(**more):
 
 def predicted(boxes, run, seconds):
     """Return the efficiency predicted from the work of the boxes."""
-    beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
-    return efficiency(boxes, work_of_boxes(boxes, work_of(run.setup, run.model, run.lattice), beyond), run, seconds)
+    beyond = cost_beyond(run.parts.layered, run.stencil, run.lattice)
+    return efficiency(
+        boxes, cost_of_boxes(boxes, cost_per_node(run.setup, run.model, run.lattice), beyond), run, seconds
+    )
 
 
 def test_what_is_sent_by_hand():
@@ -46,7 +48,7 @@ def test_efficiencies_by_hand():
     part of which overlaps with the sweep of 20 of the rows.
     """
     run = square()
-    boxes = boxes_of(run.setup, run.model, run.parts.around, 2)
+    boxes = boxes_of(run.setup, run.model, run.parts.layered, 2)
     for seconds in (1e-6, 1e-3, 10.0):
         message, least = (latency + 43 * 8 / bandwidth for latency, bandwidth in (_WHOLE, _LEFT))
         left = max(least, message - seconds * 20 / 41)
@@ -54,19 +56,19 @@ def test_efficiencies_by_hand():
     assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]
     # layers count as work: the box with one is smaller
     layer = square(boundary={"x-": fh.LatticePML(nodes=10), "all": fh.Fixed()}, initial={})
-    two = boxes_of(layer.setup, layer.model, layer.parts.around, 2, [2, 1])
+    two = boxes_of(layer.setup, layer.model, layer.parts.layered, 2, [2, 1])
     assert 0.95 < predicted(two, layer, 10.0) <= 1 and two.size(0, {})[0] < two.size(1, {})[0]
 
 
 def test_what_is_swept_ahead():
     """Nothing while messages travel along the last axis, and nothing of states that break."""
     run, seconds = square(), 1e-3
-    boxes = boxes_of(run.setup, run.model, run.parts.around, 2, [1, 2])
+    boxes = boxes_of(run.setup, run.model, run.parts.layered, 2, [1, 2])
     message = _WHOLE[0] + 41 * 8 / _WHOLE[1]
     assert predicted(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
     # four boxes: along the first axis the halo of the last one is sent, too
-    four = boxes_of(run.setup, run.model, run.parts.around, 4)
-    assert four.topology == (2, 2) and sent_along(four, 3, run) == [8 * (21 + 2), 8 * 21]
+    four = boxes_of(run.setup, run.model, run.parts.layered, 4)
+    assert four.topology == (2, 2) and halo_bytes_along(four, 3, run) == [8 * (21 + 2), 8 * 21]
     assert swept_ahead(four, 3, run) == 20 * 21
     bonds = square(model=fh.Elastic(fh.Kernel(0.5), 1.0, critical_stretch=1.0), initial={})
     assert swept_ahead(four, 3, bonds) == 20 * 21

@@ -13,20 +13,20 @@ from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.exterior import Exterior
 from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
 from farhorizon.inputs.loads import Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
-from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.signals import SMALL, Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, largest_component, space_and_time, split, steady
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.of_field import OfField
-from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.outer_loop import warn
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
-from farhorizon.simulation.team import ALONE, Team
 
 # samples of a factor of time for its largest value: how many, the steps that count as early, and the last step
 _LOOKS, _SOON, _LAST = 512, 2**10, 2**16
@@ -36,27 +36,27 @@ _THIN = 32  # nodes along an axis on which a source that does not split is sampl
 _BETWEEN, _STEPS, _BENT, _OFF = 8, 4096, 3, 0.25
 _HELD = 4  # number of first samples over which a load that may begin with a jump is constant
 
-Drive = tuple[np.ndarray | None, Callable[..., Any]]
+SourceTerm = tuple[np.ndarray | None, Callable[..., Any]]
 
 
 @dataclass(frozen=True)
-class Drives:
+class SourceTerms:
     """Sources and loads of a run.
 
     Attributes
     ----------
-    sources : list of Drive
+    sources : list of SourceTerm
         (space, time) of each source, for vector fields of each of its components, as from
         `farhorizon.inputs.sources.split`.
     unsplit : list of callable
         Sources that do not split into space and time, as functions of the coordinates and t.
     """
 
-    sources: list[Drive]
+    sources: list[SourceTerm]
     unsplit: list[Callable[..., Any]]
 
 
-class Moving:
+class SourceChecks:
     """Checks over the length of a run: of sources that do not split into space and time, beyond the absorbing sides;
     and of factors of time, between steps.
 
@@ -64,21 +64,21 @@ class Moving:
     ----------
     sources : sequence of callable
         Functions of the coordinates and t.
-    beyond : Beyond
+    exterior : Exterior
     dt : float
-    courses : sequence of (str, callable)
-        Factors of time by name, as from `courses`, which the steps have to resolve.
+    time_histories : sequence of (str, callable)
+        Factors of time by name, as from `time_histories`, which the steps have to resolve.
     """
 
     def __init__(
         self,
         sources: Sequence[Callable[..., Any]],
-        beyond: Beyond,
+        exterior: Exterior,
         dt: float,
-        courses: Sequence[tuple[str, Callable[[float], float]]] = (),
+        time_histories: Sequence[tuple[str, Callable[[float], float]]] = (),
     ) -> None:
-        self._sources, self._beyond, self._dt = sources, beyond, dt
-        self._courses = [_FactorOfTime(key, time) for key, time in courses]
+        self._sources, self._exterior, self._dt = sources, exterior, dt
+        self._courses = [_FactorOfTime(key, time) for key, time in time_histories]
         self._looked = 0.0  # time up to which all has been checked
         self._peaks: dict[int, float] = {}
 
@@ -95,11 +95,11 @@ class Moving:
         if until > self._looked:
             for course in self._courses:
                 if text := course.doubt(self._looked, until, self._dt):
-                    self._beyond.notes.append(text)
+                    self._exterior.notes.append(text)
                     warn(text)
             times = np.linspace(self._looked, until, min(64, int(np.ceil((until - self._looked) / self._dt))) + 1)
             for number, source in enumerate(self._sources):
-                self._peaks[number] = self._beyond.check_moving(source, times, self._peaks.get(number, 0.0))
+                self._peaks[number] = self._exterior.check_moving(source, times, self._peaks.get(number, 0.0))
             self._looked = until
 
 
@@ -278,7 +278,7 @@ def jumps(setup: Setup, near: NearField) -> list[str]:
     ]
 
 
-def courses(setup: Setup, near: NearField) -> list[tuple[str, Callable[[float], float]]]:
+def time_histories(setup: Setup, near: NearField) -> list[tuple[str, Callable[[float], float]]]:
     """Return the factors of time of sources and loads whose spectra are not known, each with its name in messages; for
     a source that does not split, its largest value on some of the nodes.
     """
@@ -332,7 +332,7 @@ def ends_of(sides: Sides) -> dict[Key, bool]:
 
 
 def incident_waves(
-    setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut], team: Team = ALONE
+    setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut], team: ProcessGroup = ALONE
 ) -> list[Arriving]:
     """Return the incident waves, each with its box and the medium outside it.
 
@@ -344,7 +344,7 @@ def incident_waves(
     sides : dict of (axis, side) to Side
         Sides of the whole.
     cuts : sequence of Cut
-    team : Team
+    team : ProcessGroup
         The processes, each with its part of the near field.
 
     Raises
@@ -379,7 +379,7 @@ class Arriving(NamedTuple):
     known: list[Key]
 
 
-def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Beyond) -> Drives:
+def split_source_terms(sources: Sequence[tuple[str, Any]], near: NearField, exterior: Exterior) -> SourceTerms:
     """Return sources as functions of space times functions of time if they split.
 
     Raises
@@ -387,16 +387,16 @@ def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Be
     InputError
         The near field would miss a part of a source.
     """
-    drives = Drives([], [])
+    source_terms = SourceTerms([], [])
     for key, source in sources:
         for part, unit in by_component(source, near.lattice, near.stencil.components):
-            drives.sources.append(_split_part(part, unit, key, near, beyond, drives.unsplit))
-    return drives
+            source_terms.sources.append(_split_part(part, unit, key, near, exterior, source_terms.unsplit))
+    return source_terms
 
 
 def _split_part(
-    source: Any, unit: Any, key: str, near: NearField, beyond: Beyond, unsplit: list[Callable[..., Any]]
-) -> Drive:
+    source: Any, unit: Any, key: str, near: NearField, exterior: Exterior, unsplit: list[Callable[..., Any]]
+) -> SourceTerm:
     """Split one part of a source, to be multiplied with `unit`; the part is a scalar if that is a unit vector."""
     space, time = space_and_time(source)
     whole = np.ndim(unit) == 0
@@ -405,14 +405,14 @@ def _split_part(
         unsplit.append(near.function(time))
         return None, lambda t: unit * moment(t)
     if isinstance(space, np.ndarray):
-        beyond.check_values(near.size(values) if whole else values, key)
+        exterior.check_values(near.size(values) if whole else values, key)
     else:
         peak = float(np.abs(values if near.closed is None else values[near.closed]).max(initial=0))
-        beyond.check_function(near.function(space), peak, key, missed="source value")
+        exterior.check_function(near.function(space), peak, key, missed="source value")
     return unit * values, moment
 
 
-def foreseen(incident: Sequence[Incidence], until: float) -> list[str]:
+def incident_wave_notes(incident: Sequence[Incidence], until: float) -> list[str]:
     """Return notes on incident waves in a run to a time; issue a `ValidityWarning`, once, for what makes them doubtful.
 
     Raises
@@ -436,7 +436,9 @@ def scheme_of(near: NearField, factor: float) -> Scheme:
     return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
 
 
-def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut], team: Team) -> Arriving:
+def _arriving(
+    wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut], team: ProcessGroup
+) -> Arriving:
     lattice, model = near.lattice, near.model
     if not isinstance(model.integrator, Verlet) or (model.damping and wave.undamped):
         raise InputError(

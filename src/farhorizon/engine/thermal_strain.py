@@ -14,15 +14,15 @@ import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, bond_factor, curved_part
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 
-class Warmth(NamedTuple):
+class ThermalStrains(NamedTuple):
     """Thermal strains of the nodes.
 
     Attributes
     ----------
-    warmth : ndarray, shape (places,), or empty
+    thermal_strain : ndarray, shape (places,), or empty
         Strains at the present time.
     rate : ndarray, shape (places,), or empty
         Change of the strains per step.
@@ -30,30 +30,30 @@ class Warmth(NamedTuple):
         Forces of the springs of state-based media per unit strain, in units of the operator.
     beyond : ndarray, shape (K, d), or empty
         If heat passes through the layers, the same for springs of state-based media and for all bonds of others, see
-        `engine.warm_layers`; `vectors` is empty then.
+        `engine.thermoelastic_layers`; `vectors` is empty then.
     traces : ndarray, shape (places,), or empty
         Contributions of the layers to the traces of the stresses.
     """
 
-    warmth: np.ndarray
+    thermal_strain: np.ndarray
     rate: np.ndarray
     vectors: np.ndarray
     beyond: np.ndarray
     traces: np.ndarray
 
 
-def no_heat(real: np.dtype) -> Warmth:
+def no_heat(real: np.dtype) -> ThermalStrains:
     """Return empty tables."""
     nothing = np.zeros(0, real)
-    return Warmth(nothing, nothing, np.zeros((0, 0), real), np.zeros((0, 0), real), nothing)
+    return ThermalStrains(nothing, nothing, np.zeros((0, 0), real), np.zeros((0, 0), real), nothing)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def warm_up(thread, heat):
+def advance_thermal_strains(thread, heat):
     """Advance the strains to the next step."""
-    own = share(thread, heat.rate.size)
+    own = chunk_of(thread, heat.rate.size)
     for i in range(own[0], own[1]):
-        heat.warmth[i] += heat.rate[i]
+        heat.thermal_strain[i] += heat.rate[i]
     barrier(thread)
 
 
@@ -116,16 +116,16 @@ def push_springs(thread, stage, block, material, bonds, heat):
 
     Nodes outside the zone of the bonds have no thermal strain, like the medium far away.
     """
-    zone, warmth, vectors, coefficient = bonds.zone, heat.warmth, heat.vectors, material.coefficient
+    zone, thermal_strain, vectors, coefficient = bonds.zone, heat.thermal_strain, heat.vectors, material.coefficient
     planes, rows, width = zone[END] - zone[FIRST], zone[END + 1] - zone[FIRST + 1], zone[END + 2] - zone[FIRST + 2]
-    apart, own = stage.out.size // stage.components, share(thread, planes * rows)
+    apart, own = stage.out.size // stage.components, chunk_of(thread, planes * rows)
     for number in range(own[0], own[1]):
         i0, i1 = zone[FIRST] + number // rows, zone[FIRST + 1] + number % rows
         node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
         for k in range(vectors.shape[0]):
             distance, bit = bonds.places[k, 0], np.uint64(k & 63)
             alive, one = bonds.alive[k >> 6, node:], np.uint64(1)
-            here, there = warmth[node:], warmth[node + distance :]
+            here, there = thermal_strain[node:], thermal_strain[node + distance :]
             for a in range(stage.components):
                 push, out = stage.scale * vectors[k, a] / 2, stage.out[node + a * apart :]
                 for i in range(width):
@@ -143,8 +143,8 @@ def push_beyond(thread, stage, block, material, bonds, heat):
     """Subtract the forces of thermal strains, on all nodes of the box, from those of the present bonds without a law of
     their own, or of the springs of state-based media.
     """
-    vectors, coefficient, warmth = heat.beyond, material.coefficient, heat.warmth
-    apart, own = stage.out.size // stage.rows, share(thread, block[1] * block[2])
+    vectors, coefficient, thermal_strain = heat.beyond, material.coefficient, heat.thermal_strain
+    apart, own = stage.out.size // stage.rows, chunk_of(thread, block[1] * block[2])
     for number in range(own[0], own[1]):
         i0, i1 = number // block[2], number % block[2]
         node = block[0] + i0 * block[4] + i1 * block[5]
@@ -161,5 +161,5 @@ def push_beyond(thread, stage, block, material, bonds, heat):
                         if coefficient.size > 1:
                             factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
                         if alive[i] & mask != 0:
-                            out[i] -= push * factor * (warmth[at] + warmth[at + distance])
+                            out[i] -= push * factor * (thermal_strain[at] + thermal_strain[at + distance])
     barrier(thread)

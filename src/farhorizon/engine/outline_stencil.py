@@ -16,10 +16,10 @@ import numpy as np
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import BUNDLE, WINDOW, clear, move_up, window_sums
-from farhorizon.engine.threads import barrier, share
+from farhorizon.engine.threads import barrier, chunk_of
 
 
-class Fringe(NamedTuple):
+class OutlineStencil(NamedTuple):
     """Halo nodes along an outline, and the sums that yield their values.
 
     Attributes
@@ -49,7 +49,7 @@ class Fringe(NamedTuple):
     new_weights: np.ndarray
 
 
-def fringe_table(
+def outline_table(
     nodes: np.ndarray,
     levels: int,
     fronts: np.ndarray,
@@ -58,7 +58,7 @@ def fringe_table(
     columns: np.ndarray,
     weights: np.ndarray,
     outside: np.ndarray,
-) -> Fringe:
+) -> OutlineStencil:
     """Return the tables of halo nodes along an outline that are sums over a fringe of `nodes`, see `split_sums`, and of
     places `outside` that stay at zero.
 
@@ -74,13 +74,13 @@ def fringe_table(
         else np.zeros((0, 2))
     )
     sums = split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels)
-    return Fringe(nodes.astype(np.uint32), history, runs.astype(np.int64), *sums)
+    return OutlineStencil(nodes.astype(np.uint32), history, runs.astype(np.int64), *sums)
 
 
-def no_fringe() -> Fringe:
+def no_outline() -> OutlineStencil:
     """Return tables without an outline."""
     none, one = np.zeros(0, np.int64), np.zeros(1, np.int64)
-    return fringe_table(none, 1, one, none, one, none, np.zeros(0), none)
+    return outline_table(none, 1, one, none, one, none, np.zeros(0), none)
 
 
 def split_sums(
@@ -206,30 +206,41 @@ def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 @njit(error_model="numpy", cache=True, entry=False)
-def close_fringe(thread, stage, fringe):
+def fill_outline(thread, stage, outline_stencil):
     """Set the values of the halo nodes in the new level of a step; one thread's share."""
-    nodes, history, src, base, out = fringe.nodes, fringe.history, stage.src, stage.base, stage.out
-    first, last = share(thread, nodes.size)
+    nodes, history, src, base, out = outline_stencil.nodes, outline_stencil.history, stage.src, stage.base, stage.out
+    first, last = chunk_of(thread, nodes.size)
     present, read = history[first:last, 0], nodes[first:last]
     # all at once: the last value of a node makes room for the present one of the next node
     if last > first and history.shape[1] > 1:
         move_up(present.ctypes.data, (last - first) * history.shape[1] - 1)
     for i in range(last - first):
         present[i] = src[read[i]]
-    first, last = share(thread, len(fringe.outside))
+    first, last = chunk_of(thread, len(outline_stencil.outside))
     for run in range(first, last):
-        start, count = fringe.outside[run, 0], fringe.outside[run, 1] - fringe.outside[run, 0]
+        start, count = (
+            outline_stencil.outside[run, 0],
+            outline_stencil.outside[run, 1] - outline_stencil.outside[run, 0],
+        )
         clear(out.ctypes.data + start * out.itemsize, count, out[0])
         if stage.increments:
             clear(base.ctypes.data + start * out.itemsize, count, out[0])
     barrier(thread)
-    owners, starts, kinds = fringe.owners, fringe.starts, fringe.kinds
-    new_starts, new_nodes, new_weights = fringe.new_starts, fringe.new_nodes, fringe.new_weights
+    owners, starts, kinds = outline_stencil.owners, outline_stencil.starts, outline_stencil.kinds
+    new_starts, new_nodes, new_weights = (
+        outline_stencil.new_starts,
+        outline_stencil.new_nodes,
+        outline_stencil.new_weights,
+    )
     memory, totals, width = history.ctypes.data, np.empty(BUNDLE), 8 * WINDOW
-    first_place, first_weight, sums = fringe.places.ctypes.data, fringe.table.ctypes.data, totals.ctypes.data
-    for front in range(fringe.fronts.size - 1):
-        begin = fringe.fronts[front]
-        first, last = share(thread, fringe.fronts[front + 1] - begin)
+    first_place, first_weight, sums = (
+        outline_stencil.places.ctypes.data,
+        outline_stencil.table.ctypes.data,
+        totals.ctypes.data,
+    )
+    for front in range(outline_stencil.fronts.size - 1):
+        begin = outline_stencil.fronts[front]
+        first, last = chunk_of(thread, outline_stencil.fronts[front + 1] - begin)
         for bundle in range(begin + first, begin + last):
             start, stop = np.int64(starts[bundle]), np.int64(starts[bundle + 1])
             window_sums(

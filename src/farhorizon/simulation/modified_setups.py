@@ -10,13 +10,13 @@ import numpy as np
 
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.host import constants_of
+from farhorizon.simulation.reference_medium import constants_of
 from farhorizon.simulation.setup import Setup, check_names
 
 _LEAST = 5  # planes that remain of a stretch of equal ones, or as many as a node interacts with
 
 
-def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
+def remade_setup(setup: Setup, resolved: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
     """Return a set-up at its start with some arguments changed. On another lattice there are no data and sources, and
     the medium is uniform, as stiff as its stiffest part. The chosen time step and layers are kept, unless the model
     changes on the same lattice.
@@ -24,19 +24,19 @@ def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[st
     check_names(changes)
     near, start = parts.near, parts.start
     if "lattice" not in changes:
-        settled = setup if "model" in changes else settled
+        resolved = setup if "model" in changes else resolved
         initial = {"u": start.u + float(changes.get("background", near.background))}
         initial |= {"v": start.v} if near.model.order == 2 else {}
-        return replace(settled, **{"initial": initial, **changes})
+        return replace(resolved, **{"initial": initial, **changes})
     nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
     changes = {**nothing, "initial": {}, "coefficient": None, "rim": "free", "balance": False, **changes}
     changes.setdefault("model", near.model)
     if near.squared_speed is not None and near.strongest > 0:
         changes["model"] = changes["model"].scaled(near.strongest)
-    return replace(settled, **changes)
+    return replace(resolved, **changes)
 
 
-def shortened_setup(setup: Setup, settled: Setup, parts: Parts) -> Setup | None:
+def shortened_setup(setup: Setup, resolved: Setup, parts: Parts) -> Setup | None:
     """Return a set-up at rest in which stretches of equal planes of a medium that varies are shortened to what a node
     interacts with, so that every pair of adjoining media remains; None where this saves less than half of the nodes, or
     where there are bodies, cracks or conditions.
@@ -57,7 +57,7 @@ def shortened_setup(setup: Setup, settled: Setup, parts: Parts) -> Setup | None:
     chosen, lattice = np.ix_(*kept), near.lattice
     constants = {name: values[chosen] for name, values in constants_of(setup).items()}
     return replace(
-        settled,
+        resolved,
         lattice=Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (shape - 1)),
         model=setup.model.with_constants(constants),
         coefficient=None if near.coefficient is None else near.coefficient[chosen],

@@ -48,7 +48,7 @@ def agreed(error: E, told: bool = False) -> E:
     return error
 
 
-class Team:
+class ProcessGroup:
     """The processes of an MPI communicator.
 
     All of them make the same calls in the same order. A process that fails reports this in the next call, which then
@@ -88,7 +88,7 @@ class Team:
                 )
         self.number, self.size = int(communicator.Get_rank()), int(communicator.Get_size())
         if self.size > 1:
-            known = next((one for one in _TEAMS if _of_the_same(communicator, one._all)), None)
+            known = next((one for one in _PROCESS_GROUPS if _of_the_same(communicator, one._all)), None)
             self._all = communicator.Dup() if known is None else known._all
             if known is None:
                 _end_together(self)
@@ -97,9 +97,9 @@ class Team:
             self._check_versions()
 
     @classmethod
-    def of(cls, communicator: Any) -> Team:
+    def of(cls, communicator: Any) -> ProcessGroup:
         """Return the processes of a communicator, or the team itself if it is one."""
-        return communicator if isinstance(communicator, Team) else cls(communicator)
+        return communicator if isinstance(communicator, ProcessGroup) else cls(communicator)
 
     def __bool__(self) -> bool:
         """Whether there are other processes."""
@@ -293,7 +293,7 @@ class Team:
         np.moveaxis(whole, axis, 0)[which] = np.moveaxis(values, axis, 0)
         return self.summed(whole) if count else whole
 
-    def collected(self, value: Any) -> list[Any] | None:
+    def gathered_by_first(self, value: Any) -> list[Any] | None:
         """Return the values of all processes on the first one, and None on the others."""
         if self._all is None:
             return [value]
@@ -310,7 +310,7 @@ class Team:
         field : ndarray
             Its last axes are those of the lattice.
         """
-        every = self.collected((lattice.first, field))
+        every = self.gathered_by_first((lattice.first, field))
         if every is None:
             return None
         whole = np.zeros((*field.shape[: -lattice.dim], *lattice.whole.shape), field.dtype)
@@ -320,7 +320,7 @@ class Team:
             whole[place] = part
         return whole
 
-    def dealt(self, values: Sequence[Any]) -> list[Any]:
+    def all_to_all(self, values: Sequence[Any]) -> list[Any]:
         """Return what each process has for this one; `values` are what this one has for each. All processes must call
         it.
         """
@@ -329,7 +329,7 @@ class Team:
         self.gather(None)  # a process that has failed makes no further calls
         return list(self._all.alltoall(values))
 
-    def passed(self, value: Any, to: int, of: int) -> Any:
+    def send_receive(self, value: Any, to: int, of: int) -> Any:
         """Return the value that the process `of` sends to this one, while this one sends `value` to the process `to`;
         -1 stands for no process. All processes must call it.
         """
@@ -394,7 +394,7 @@ class Team:
 
 
 #: The team of a single process.
-ALONE = Team()
+ALONE = ProcessGroup()
 
 
 def _entries(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -430,16 +430,16 @@ def _of_the_same(communicator: Any, other: Any) -> bool:
     return bool(MPI.Comm.Compare(communicator, other) in (MPI.IDENT, MPI.CONGRUENT))
 
 
-_TEAMS: list[Team] = []  # of several processes, in the order in which all of them were made
+_PROCESS_GROUPS: list[ProcessGroup] = []  # of several processes, in the order in which all of them were made
 _PARTING = 2.0  # seconds for which a process that ends waits for the others; then MPI does, as at any end
 
 
-def _end_together(team: Team) -> None:
+def _end_together(team: ProcessGroup) -> None:
     """From now on, let an error that no part of a program has handled end all processes of the latest team, reported
     once, by the process that has met it; and let a process that has ended be missed by those that wait for it.
     """
-    _TEAMS.append(team)
-    if len(_TEAMS) > 1:
+    _PROCESS_GROUPS.append(team)
+    if len(_PROCESS_GROUPS) > 1:
         return
     before = sys.excepthook
 
@@ -449,7 +449,7 @@ def _end_together(team: Team) -> None:
             return 130 if kind is KeyboardInterrupt else 1 + isinstance(error, InputError)
 
         if not getattr(error, "told", False):
-            _TEAMS[-1].end_all(error, tell)
+            _PROCESS_GROUPS[-1].end_all(error, tell)
             tell()
 
     sys.excepthook = hook
@@ -457,7 +457,7 @@ def _end_together(team: Team) -> None:
 
 
 def _part() -> None:
-    waiting = [request for team in _TEAMS if (request := team.leave()) is not None]
+    waiting = [request for team in _PROCESS_GROUPS if (request := team.leave()) is not None]
     began = time.monotonic()
     while not all([request.Test() for request in waiting]) and time.monotonic() - began < _PARTING:
         time.sleep(_NAP)

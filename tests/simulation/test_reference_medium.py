@@ -8,7 +8,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.geometry import lattice as lattices
-from farhorizon.simulation.host import looked_at, node_factor, varied
+from farhorizon.simulation.reference_medium import node_factor, reference_and_variation, varied
 from threads_as_processes import on_threads
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
@@ -41,8 +41,11 @@ def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
         uniform, variation = varied(setup)
         assert (uniform.model.speed, uniform.model.density) == (speed.flat[middle], density.flat[middle]), SEED
         np.testing.assert_allclose(variation.squared_speed, (speed / speed.flat[middle]) ** 2, rtol=1e-14)
-        for host, _ in on_threads(count, lambda team, setup=setup: looked_at(setup, team)):
-            assert (host.model.speed, host.model.density) == (uniform.model.speed, uniform.model.density), SEED
+        for reference_medium, _ in on_threads(count, lambda team, setup=setup: reference_and_variation(setup, team)):
+            assert (reference_medium.model.speed, reference_medium.model.density) == (
+                uniform.model.speed,
+                uniform.model.density,
+            ), SEED
 
 
 def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
@@ -50,8 +53,10 @@ def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
     lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0))
     for density, even in (("1 + 0*x", ("density",)), ("where(x > 25, 2, 1)", ())):
         setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x", density=density), fh.Free())
-        for host, variation in on_threads(2, lambda team, setup=setup: looked_at(setup, team)):
-            assert host.even == even
+        for reference_medium, variation in on_threads(
+            2, lambda team, setup=setup: reference_and_variation(setup, team)
+        ):
+            assert reference_medium.even == even
             assert (variation.density is None) == bool(even)
 
 
@@ -85,4 +90,4 @@ def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):
     lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0), body=fh.Disc(0.2, (3.5, 3.5)))
     setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x"), fh.Free())
     with pytest.raises(fh.InputError, match="no node lies in the window or body"):
-        on_threads(2, lambda team: looked_at(setup, team))
+        on_threads(2, lambda team: reference_and_variation(setup, team))

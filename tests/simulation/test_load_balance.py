@@ -8,9 +8,9 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.geometry.decomposition import Decomposition
-from farhorizon.simulation.sent import rows_on_processes, work_of_boxes
-from farhorizon.simulation.share import boxes_of, work_beyond
-from farhorizon.simulation.work import costs_of, work_along, work_of
+from farhorizon.simulation.halo_volume import cost_of_boxes, rows_on_processes
+from farhorizon.simulation.load_balance import cost_along, cost_per_node, costs_of
+from farhorizon.simulation.subdomain import boxes_of, cost_beyond
 
 KERNEL = fh.Kernel(2.0)
 LAYERED = "where(y < 30.5, 1.0, 2.0)"
@@ -30,14 +30,14 @@ def band(low, high, ends=(5.5, 30.5)):
 
 def busiest(run, boxes):
     """Return the work of the busiest box relative to the mean."""
-    beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
-    work = work_of_boxes(boxes, work_of(run.setup, run.model, run.lattice), beyond)
+    beyond = cost_beyond(run.parts.layered, run.stencil, run.lattice)
+    work = cost_of_boxes(boxes, cost_per_node(run.setup, run.model, run.lattice), beyond)
     return work.max() / work.mean()
 
 
 def equal(run, topology):
     """Boxes of equal numbers of nodes, including layers, whatever the work of each node."""
-    beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
+    beyond = cost_beyond(run.parts.layered, run.stencil, run.lattice)
     cuts = []
     for axis, (n, count) in enumerate(zip(run.lattice.shape, topology, strict=True)):
         low, high = beyond[axis, -1], beyond[axis, 1]
@@ -56,7 +56,7 @@ def equal(run, topology):
 def test_nodes_that_lack_bonds_are_those_of_the_engine(given):
     """All of those at a crack; at a rim at least these, because it is examined box by box."""
     run = plane(SOLID, **given)
-    costs, work = costs_of(run.setup, run.model), work_of(run.setup, run.model, run.lattice)
+    costs, work = costs_of(run.setup, run.model), cost_per_node(run.setup, run.model, run.lattice)
     lacks = np.nan_to_num(run.fields["damage"]) > 0
     lacks |= np.nan_to_num(run.parts.breaking.families, nan=99) < run.parts.breaking.families.max()
     inner = (slice(3, -3),) * 2  # bonds across free sides are not counted
@@ -82,7 +82,9 @@ def test_nodes_whose_bonds_see_several_media_have_more_work(model):
     )
     several = (low.min((2, 3)) < high.max((2, 3))) & lattice.mask
     costs = costs_of(run.setup, run.model)
-    beside = work_of(run.setup, run.model, lattice) - work_of(replace(run.setup, model=run.model), run.model, lattice)
+    beside = cost_per_node(run.setup, run.model, lattice) - cost_per_node(
+        replace(run.setup, model=run.model), run.model, lattice
+    )
     np.testing.assert_array_equal(beside > 0, several)
     np.testing.assert_array_equal(beside[22:][several[22:]], sum(costs.uneven))  # behind the hole rows see one medium
     assert 4 * 61 < several.sum() < 6 * 61
@@ -95,11 +97,13 @@ def test_parts_have_the_work_of_the_whole():
         fh.Lattice(1.0, (0, 0, 0), (19, 17, 18)), fh.Corrosion(fh.Kernel(2.0), saturation=0.5), specimens=[metal]
     )
     for setup in (plane(SOLID, cracks=band(3.0, 20.0)).setup, solid):
-        whole = work_of(setup, setup.model, setup.lattice)
+        whole = cost_per_node(setup, setup.model, setup.lattice)
         assert len(np.unique(whole)) > 1
         for cut in (4, 9, 13):
             ends = [[(0, cut), (cut, whole.shape[0])], *([(0, n)] for n in whole.shape[1:])]
-            rows = [work_of(setup, setup.model, setup.lattice.part([x, *(e[0] for e in ends[1:])])) for x in ends[0]]
+            rows = [
+                cost_per_node(setup, setup.model, setup.lattice.part([x, *(e[0] for e in ends[1:])])) for x in ends[0]
+            ]
             np.testing.assert_array_equal(np.concatenate(rows), whole)
 
 
@@ -125,19 +129,19 @@ def test_uneven_boxes_are_more_even_in_work(case):
     else:
         run = plane(SOLID if kind == "breaking" else fh.Wave(KERNEL), shape, cracks=band(at + 6, at + 20))
     for topology in ([1, count], [2, 2]):
-        boxes = boxes_of(run.setup, run.model, run.parts.around, int(np.prod(topology)), topology)
+        boxes = boxes_of(run.setup, run.model, run.parts.layered, int(np.prod(topology)), topology)
         told = f"seed {SEED}, {kind}, {topology}: {boxes.cuts}"
         before, now = busiest(run, equal(run, topology)), busiest(run, boxes)
         assert boxes.cuts != equal(run, topology).cuts and now < before, told
         if topology[0] == 1:  # cut along one axis, only the work of a row remains
-            along = work_along(run.setup, run.model, work_beyond(run.parts.around, run.stencil, run.lattice))[1]
+            along = cost_along(run.setup, run.model, cost_beyond(run.parts.layered, run.stencil, run.lattice))[1]
             assert now - 1 <= along.max() * count / along.sum() + 0.01, told
 
 
 def test_uniform_media_are_cut_as_ever():
     run = plane(fh.Wave(KERNEL))
     for topology in ([1, 3], [2, 2], [4, 1]):
-        boxes = boxes_of(run.setup, run.model, run.parts.around, int(np.prod(topology)), topology)
+        boxes = boxes_of(run.setup, run.model, run.parts.layered, int(np.prod(topology)), topology)
         assert boxes.cuts == equal(run, topology).cuts
 
 

@@ -13,16 +13,16 @@ import numpy as np
 from farhorizon.analysis.layers.thickness import Thickness
 from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
-from farhorizon.checks.price import extended_price, price
+from farhorizon.checks.run_cost import extended_run_cost, run_cost
 from farhorizon.errors import InputError
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Euler, RungeKuttaChebyshev
-from farhorizon.simulation.course import warn
-from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.layer_choice import Chosen, assess_layers, choose_layers
+from farhorizon.simulation.layered_sides import LayeredSides
+from farhorizon.simulation.outer_loop import warn
+from farhorizon.simulation.serialization import rebuild
 from farhorizon.simulation.setup import Key, Setup, side_name
-from farhorizon.simulation.surroundings import Surroundings
 
 _AHEAD = 1.5  # how much farther than a run that is continued the trial of its layers goes
 _MANY = 100_000  # steps: assembling another set-up, in order to see what it saves, takes less time than some of these
@@ -38,7 +38,7 @@ class Changeable(Examined, Protocol):
     step_count: int
     team: Any
     setup: Setup
-    share: Any
+    subdomain: Any
     parts: Any
 
     @property
@@ -53,7 +53,7 @@ class Changeable(Examined, Protocol):
 
 
 @dataclass
-class Settling:
+class SideSelection:
     """Choice of sides by the length of the run.
 
     Attributes
@@ -79,7 +79,7 @@ class Settling:
     doubts: list[str] = field(default_factory=list)
     why: list[str] = field(default_factory=list)
 
-    def settle(self, run: Changeable, until: float) -> None:
+    def select(self, run: Changeable, until: float) -> None:
         """Choose the sides for a run that has not begun and is to be longer than they were chosen for; see whether
         those of a run that has begun are good for longer.
 
@@ -103,7 +103,7 @@ class Settling:
 
     def _choose(self, run: Changeable, until: float) -> None:
         """Choose the open-ended sides."""
-        every: Mapping[Key, Any] = run.sides if run.share is None else run.share.sides
+        every: Mapping[Key, Any] = run.sides if run.subdomain is None else run.subdomain.sides
         keys = [key for key in self.open_ended if every[key].extended]
         if keys and any(until > extent.until * (1 + 1e-9) for extent in run.extents.values()):
             run.take({key: replace(every[key], nodes=None, until=until) for key in keys})
@@ -117,7 +117,7 @@ class Settling:
 
     def _assess(self, run: Changeable, until: float) -> None:
         """Compare layers of a given number of nodes that have a target with thicker ones."""
-        given: Mapping[Key, Any] = run.sides if run.share is None else run.setup.sides
+        given: Mapping[Key, Any] = run.sides if run.subdomain is None else run.setup.sides
         asked = [key for key, b in given.items() if b.stretched and not b.whole and b.nodes is not None]
         if keys := [key for key in asked if given[key].target is not None]:
             self.doubts = self.doubts + by_first(run, lambda whole: assess_layers(whole, keys, until))[1]
@@ -128,7 +128,7 @@ class Settling:
         if run.step_count or not keys:
             return
         error, doubts = assess_layers(run, keys, until)
-        layers = {side_name(*key): run.parts.around.layers[key] for key in keys}
+        layers = {side_name(*key): run.parts.layered.layers[key] for key in keys}
         self.thickness = self.thickness | {name: Thickness("given", one, error, until) for name, one in layers.items()}
         self.doubts = [*self.doubts, *(text for text in doubts if text not in self.doubts)]
 
@@ -173,7 +173,7 @@ class Settling:
             self._extend(run, far_sides)
             self.why = [f"the domain is extended, because layers cannot be used: {error.message}"]
             return
-        layers, far = price(run), extended_price(run, until, list(self.autos))
+        layers, far = run_cost(run), extended_run_cost(run, until, list(self.autos))
         fits = far.memory <= available_memory()
         if fits and far.seconds < layers.seconds:
             self._extend(run, far_sides)
@@ -192,9 +192,9 @@ class Settling:
         self.thickness, self.doubts = {}, []
 
 
-def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
+def extension_warnings(layered: LayeredSides, until: float, dt: float) -> list[str]:
     """Return a warning for a run that lasts longer than extended domains are chosen for, by more than a step."""
-    ends = [extent.until for extent in around.extents.values()]
+    ends = [extent.until for extent in layered.extents.values()]
     if not ends or until <= min(ends) + dt:
         return []
     return [
@@ -205,9 +205,9 @@ def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
 
 def by_first(run: Changeable, work: Callable[[Any], T]) -> T:
     """Return the result of work on the whole set-up of a run; on several processes the first one does it."""
-    if run.share is None:
+    if run.subdomain is None:
         return work(run)
-    whole = replace(run.setup, dt=run.dt, boundary=run.share.boundary)
+    whole = replace(run.setup, dt=run.dt, boundary=run.subdomain.boundary)
     return run.team.first(run.team.by_first(lambda: work(run.of(whole))))
 
 
@@ -218,7 +218,7 @@ def many_steps(run: Changeable, until: float) -> list[str]:
         return []
     model.integrator = RungeKuttaChebyshev()
     try:
-        other = run.remade(model=model, dt=None, boundary=run.parts.around.as_given())
+        other = run.remade(model=model, dt=None, boundary=run.parts.layered.as_given())
     except InputError:
         return []
     stages, longest = model.integrator.chebyshev, other.step_limit / 2  # half of the limit, as Euler's steps have
@@ -232,13 +232,13 @@ def many_steps(run: Changeable, until: float) -> list[str]:
     ]
 
 
-def settled_sides(around: Surroundings) -> dict[str, Side]:
+def resolved_sides(layered: LayeredSides) -> dict[str, Side]:
     """Return the sides by name, with extended domains as they were chosen, so that they remain the same on another
     lattice or without data.
     """
     found: dict[str, Side] = {}
-    for key, side in around.sides.items():
-        name, extent = side_name(*key), around.extents.get(key)
+    for key, side in layered.sides.items():
+        name, extent = side_name(*key), layered.extents.get(key)
         found[name] = side
         if extent is not None and np.isfinite(extent.until):
             found[name] = replace(side, nodes=extent.nodes, until=extent.until)

@@ -25,7 +25,7 @@ _LEAST_ERROR = 1e-12  # smallest error asked of an extended domain, in place of 
 
 
 @dataclass(frozen=True)
-class Price:
+class RunCost:
     """Cost of one way to compute the medium beyond the near field.
 
     Attributes
@@ -42,7 +42,7 @@ class Price:
     seconds: float
     memory: float
 
-    def over(self, other: Price) -> str:
+    def over(self, other: RunCost) -> str:
         """Time and memory relative to another price, in words."""
         time, memory = self.seconds / max(other.seconds, 1e-300), self.memory / max(other.memory, 1.0)
         words = f"{two_digits(time)} times" if time >= 1 else f"only {time:.2g} of"
@@ -54,9 +54,9 @@ def two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def price(sim: Examined, seconds: float | None = None) -> Price:
+def run_cost(sim: Examined, seconds: float | None = None) -> RunCost:
     """The cost of a simulation as it is; `seconds` is the time of a step, measured if not given."""
-    return Price(
+    return RunCost(
         float(np.prod(sim.engine.layout.box.nodes)),
         sim.seconds_per_step() if seconds is None else seconds,
         float(sim.engine.nbytes),
@@ -87,7 +87,7 @@ def seconds_near_breaking(sim: Examined) -> float:
     return least
 
 
-def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]) -> Price:
+def extended_run_cost(sim: Examined, until: float, sides: Sequence[tuple[int, int]]) -> RunCost:
     """The cost of the extended domain in place of some absorbing sides, measured on a domain without data; if the
     domain is large, on a smaller one and scaled in proportion.
 
@@ -108,7 +108,7 @@ def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]
     plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
     every = np.array(plain.engine.layout.box.nodes[-lattice.dim :], float)  # with margins, which do not grow
     held = float(np.prod((wide + every - count) / every))
-    return Price(
+    return RunCost(
         float(np.prod(wide)), plain.seconds_per_step() * float(np.prod(wide / count)), plain.engine.nbytes * held
     )
 

@@ -25,7 +25,7 @@ _ROUNDING = float(np.finfo(float).eps)  # values below this part of the largest 
 Function = Callable[..., Any]
 
 
-class Beyond:
+class Exterior:
     """The medium beyond the absorbing sides. Fixed, free and periodic sides end it: nothing is missed there.
 
     Parameters
@@ -63,7 +63,7 @@ class Beyond:
         self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
         self.notes: list[str] = []
 
-    def but_for(self, sides: Iterable[tuple[int, int]]) -> Beyond:
+    def but_for(self, sides: Iterable[tuple[int, int]]) -> Exterior:
         """A copy that does not check some of the sides; it adds its notes to the same list."""
         others, left_out = copy.copy(self), set(sides)
         others.targets = {key: target for key, target in self.targets.items() if key not in left_out}

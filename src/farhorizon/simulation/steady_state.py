@@ -10,9 +10,9 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.simulation.course import check_ahead, checked_end
+from farhorizon.simulation.outer_loop import check_ahead, checked_end
+from farhorizon.simulation.process_group import ProcessGroup
 from farhorizon.simulation.steps import last_step
-from farhorizon.simulation.team import Team
 
 STATIC = "static"
 TOLERANCE = 1e-3
@@ -20,7 +20,7 @@ _PATIENCE = 100  # number of windows to the latest end, unless it is given
 _LOOKS = 16  # checks per window
 
 
-class Resting(Protocol):
+class SteadyStateQuantities(Protocol):
     """Quantities that determine whether a run has come to rest."""
 
     @property
@@ -33,7 +33,7 @@ class Resting(Protocol):
     def change(self, step: int) -> float | None:
         """Return the largest change of the field per step since this was called before; None the first time."""
 
-    def driven(self, t: float) -> Sequence[np.ndarray]:
+    def loading_at(self, t: float) -> Sequence[np.ndarray]:
         """Return all that drives the run at a time, as numbers that show whether it changes."""
 
 
@@ -45,9 +45,9 @@ class Running(Protocol):
     step_count: int
     background: float
     peak: float
-    rest: Rest | None
-    resting: Resting
-    team: Team
+    rest: SteadyState | None
+    resting: SteadyStateQuantities
+    team: ProcessGroup
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
@@ -55,7 +55,7 @@ class Running(Protocol):
 
 
 @dataclass
-class Rest:
+class SteadyState:
     """Criterion for whether a run has come to rest.
 
     Nothing that drives the run changes any more. For waves, the kinetic energy has stayed below the squared tolerance
@@ -88,7 +88,7 @@ class Rest:
     checked: int | None = None
 
     @classmethod
-    def of(cls, run: Running, tolerance: float | None, limit: float | None) -> Rest:
+    def of(cls, run: Running, tolerance: float | None, limit: float | None) -> SteadyState:
         """Return the criterion for a run, from its present state on. It continues the one by which the run has been
         judged so far, also before a checkpoint, if it is the same.
 
@@ -140,14 +140,14 @@ class Rest:
     def reached(self, run: Running) -> bool:
         """Check the present state of the run; returns whether the run has come to rest."""
         self.checked = run.step_count
-        still = run.time >= self.settled and self._still(run)
+        still = run.time >= self.settled and self._is_steady(run)
         if not still:
             self.quiet = None
         elif self.quiet is None:
             self.quiet = run.step_count
         return self.over(run)
 
-    def _still(self, run: Running) -> bool:
+    def _is_steady(self, run: Running) -> bool:
         kinetic = run.resting.kinetic()
         if kinetic is not None:
             run.peak = max(run.peak, kinetic)
@@ -167,7 +167,7 @@ def progress_of(run: Running) -> dict[str, Any]:
 def take_progress(run: Running, kept: Mapping[str, Any]) -> None:
     """Restore what `progress_of` returned."""
     run.peak = float(kept.get("peak", 0.0))
-    run.rest = Rest(**kept["rest"]) if "rest" in kept else None
+    run.rest = SteadyState(**kept["rest"]) if "rest" in kept else None
 
 
 def _size(field: np.ndarray) -> float:
@@ -175,19 +175,21 @@ def _size(field: np.ndarray) -> float:
     return float(np.abs(field).max(initial=0, where=~np.isnan(field)))
 
 
-def _last_change(run: Resting, times: np.ndarray, tolerance: float) -> float:
+def _last_change(run: SteadyStateQuantities, times: np.ndarray, tolerance: float) -> float:
     """Return the time from some given ones after which all that drives a run stays as it is at the last of them."""
-    final = run.driven(float(times[-1]))
+    final = run.loading_at(float(times[-1]))
     sizes, apart = np.zeros((2, len(times), len(final)))
     for row, t in enumerate(times):
-        for column, (now, end) in enumerate(zip(run.driven(float(t)), final, strict=True)):
+        for column, (now, end) in enumerate(zip(run.loading_at(float(t)), final, strict=True)):
             sizes[row, column] = np.abs(now).max(initial=0)
             apart[row, column] = np.abs(now - end).max(initial=0)
     changing = np.flatnonzero((apart > tolerance * sizes.max(0, initial=0)).any(1))
     return float(times[min(changing[-1] + 1, len(times) - 1)]) if changing.size else float(times[0])
 
 
-def coming_to_rest(run: Running, until: Any, tolerance: float | None, limit: float | None) -> Rest | None:
+def steady_state_criterion(
+    run: Running, until: Any, tolerance: float | None, limit: float | None
+) -> SteadyState | None:
     """Return the criterion of a run to its static state; None for a run to a time.
 
     Raises
@@ -197,7 +199,7 @@ def coming_to_rest(run: Running, until: Any, tolerance: float | None, limit: flo
     """
     if isinstance(until, str):
         kinds.one_of(until, "run.until", (STATIC,), "neither a time nor a state")
-        return Rest.of(run, tolerance, limit)
+        return SteadyState.of(run, tolerance, limit)
     for name, value in (("tolerance", tolerance), ("limit", limit)):
         if value is not None:
             raise InputError(

@@ -21,14 +21,14 @@ from farhorizon.medium.force_states import closing_rate
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation, is_one, lightest_bond
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup import Setup, within_part
-from farhorizon.simulation.team import ALONE, Team
 
 _EVEN = ("stiffness", "density")  # parts of a variation that may turn out to be 1 everywhere
 
 
 @dataclass(frozen=True, eq=False)
-class Host:
+class ReferenceMedium:
     """The uniform medium relative to which a medium varies.
 
     Attributes
@@ -48,9 +48,9 @@ class Host:
         """Return a set-up with this medium everywhere."""
         return replace(setup, model=self.model, rule=setup.bond_rule) if setup.model.varying else setup
 
-    def beside(self, setup: Setup) -> Variation:
+    def variation_of(self, setup: Setup) -> Variation:
         """Return the variation of the medium of a set-up, or of a part of it, relative to this one; raises InputError
-        as `looked_at` does.
+        as `reference_and_variation` does.
         """
         return self.varying(_filled(constants_of(setup), setup.lattice, self.outside))
 
@@ -59,7 +59,7 @@ class Host:
         return self.model.beside(values).without(self.even) if values else Variation()
 
 
-class Pace(NamedTuple):
+class Contrast(NamedTuple):
     """Squared speeds and frequencies of a varying medium over those of the uniform host medium.
 
     Attributes
@@ -86,12 +86,14 @@ class Pace(NamedTuple):
 
 
 def varied(setup: Setup) -> tuple[Setup, Variation]:
-    """Return a set-up with a uniform model, and the variation relative to it; raises InputError as `looked_at` does."""
-    host, variation = looked_at(setup, ALONE)
-    return host.uniform(setup), variation
+    """Return a set-up with a uniform model, and the variation relative to it; raises InputError as
+    `reference_and_variation` does.
+    """
+    reference_medium, variation = reference_and_variation(setup, ALONE)
+    return reference_medium.uniform(setup), variation
 
 
-def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
+def reference_and_variation(setup: Setup, team: ProcessGroup) -> tuple[ReferenceMedium, Variation]:
     """Return the host medium of a set-up, and the variation relative to it in the box of the lattice that this process
     evaluates.
 
@@ -112,11 +114,11 @@ def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
         values = _filled(values, lattice, outside)
     for order, of_nodes in setup.model.ordered(values):
         constants |= _middle(order.ravel(), of_nodes, np.arange(order.size), lattice, team)
-    host = Host(setup.model.with_constants(constants) if values else setup.model, outside, ())
-    varies = {name for every in team.gather(_unlike_one(host.varying(values))) for name in every}
-    host = replace(host, even=tuple(name for name in _EVEN if name not in varies))
-    _check_reaction(host.model, lattice, varies)
-    return host, host.varying(values)
+    reference_medium = ReferenceMedium(setup.model.with_constants(constants) if values else setup.model, outside, ())
+    varies = {name for every in team.gather(_unlike_one(reference_medium.varying(values))) for name in every}
+    reference_medium = replace(reference_medium, even=tuple(name for name in _EVEN if name not in varies))
+    _check_reaction(reference_medium.model, lattice, varies)
+    return reference_medium, reference_medium.varying(values)
 
 
 def _check_reaction(model: LatticeModel, lattice: Lattice, varies: Collection[str]) -> None:
@@ -142,7 +144,7 @@ def constants_of(setup: Setup) -> dict[str, np.ndarray]:
     Raises
     ------
     InputError
-        As in `looked_at`.
+        As in `reference_and_variation`.
     """
     lattice, values = setup.lattice, {}
     for name, value in setup.model.varying.items():
@@ -172,7 +174,9 @@ def node_factor(setup: Setup) -> np.ndarray | None:
     return _to_rim(factor, lattice)[own] if held else factor
 
 
-def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Variation, team: Team = ALONE) -> Pace:
+def contrast_in(
+    setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Variation, team: ProcessGroup = ALONE
+) -> Contrast:
     """Return the pace of a medium that varies in boxes of a lattice, of which each process has its own.
 
     Parameters
@@ -183,14 +187,14 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
     stencil : Stencil
     variation : Variation
         Variation in this box.
-    team : Team
+    team : ProcessGroup
     """
     speeds, lattice, strongest = variation.squared_speed, setup.lattice, setup.model.strongest
     keys = [(axis, side) for axis in range(lattice.dim) for side in (-1, 1)]
     states = None if setup.model.bond_law is None else setup.model.force_states(lattice.spacing, lattice.dim)
     closing = 0.0 if states is None else closing_rate(states, _softest(variation, team))
     if speeds is None:
-        return Pace(strongest, 1.0, strongest, dict.fromkeys(keys, 1.0), strongest * closing)
+        return Contrast(strongest, 1.0, strongest, dict.fromkeys(keys, 1.0), strongest * closing)
     strongest = team.largest(float(speeds.max()))
     if strongest == 0:
         raise InputError(
@@ -213,10 +217,12 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
     beside = {key: team.largest(_largest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
     sides = {key: found or strongest or 1.0 for key, found in beside.items()}
     fastest *= setup.model.strongest
-    return Pace(strongest, weakest, fastest, sides, closing, _lame_beside_layers(setup, variation, stencil.reach, team))
+    return Contrast(
+        strongest, weakest, fastest, sides, closing, _lame_beside_layers(setup, variation, stencil.reach, team)
+    )
 
 
-def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int], team: Team) -> float | None:
+def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int], team: ProcessGroup) -> float | None:
     """Return the largest ratio of Lame's constant to the P modulus within one reach of the sides with layers: the
     nearer a solid is to a fluid, the longer and stronger are its backward waves, which its layers must damp.
     """
@@ -228,7 +234,7 @@ def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int]
     return max(beside, default=None)
 
 
-def _softest(variation: Variation, team: Team) -> float:
+def _softest(variation: Variation, team: ProcessGroup) -> float:
     """Return the smallest ratio of the springs beside the states to the P-wave modulus, over that of the model."""
     if variation.springs is None or variation.stiffness is None:
         return 1.0
@@ -245,7 +251,7 @@ def _largest_at(
     return float(np.moveaxis(values, axis, 0)[there].max(initial=initial))
 
 
-def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team: Team) -> np.ndarray:
+def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team: ProcessGroup) -> np.ndarray:
     """Extend values by one reach beyond each edge of a box: by those of other processes; beyond the edges of the
     lattice by the values there, or periodically.
     """
@@ -258,7 +264,7 @@ def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team:
             continue
         to, of = neighbours[axis, -1], neighbours[axis, 1]
         lowest, highest = (np.take(values, range(*ends), axis) for ends in ((0, m), (-m, 0)))
-        above, below = team.passed(lowest, to, of), team.passed(highest, of, to)
+        above, below = team.send_receive(lowest, to, of), team.send_receive(highest, of, to)
         edges = (np.take(values, [end] * m, axis) for end in (0, -1))
         ends = (edge if halo is None else halo for edge, halo in zip(edges, (below, above), strict=True))
         values = np.concatenate([next(ends), values, next(ends)], axis)
@@ -286,7 +292,7 @@ def _filled(values: dict[str, np.ndarray], lattice: Lattice, outside: Mapping[st
 
 
 def _middle(
-    order: np.ndarray, values: Mapping[str, np.ndarray], nodes: np.ndarray, lattice: Lattice, team: Team
+    order: np.ndarray, values: Mapping[str, np.ndarray], nodes: np.ndarray, lattice: Lattice, team: ProcessGroup
 ) -> dict[str, float]:
     """Return the values of the median node of all processes; of several with the same key, of the one whose index in
     the whole lattice is in the middle of theirs.
@@ -299,7 +305,7 @@ def _middle(
     nodes : ndarray of int, shape (n,)
         Flat indices of the nodes in this part of the lattice, in order.
     lattice : Lattice
-    team : Team
+    team : ProcessGroup
     """
     bits = (order + 0.0).view(np.int64)  # adding zero turns -0.0 into 0.0
     keys = np.where(bits < 0, ~bits.view(np.uint64), bits.view(np.uint64) | np.uint64(1 << 63))  # in the same order
@@ -314,7 +320,7 @@ def _middle(
     return next(found for found in team.gather(mine) if found is not None)
 
 
-def _ranked(keys: np.ndarray, rank: int, team: Team) -> tuple[int, int, int]:
+def _ranked(keys: np.ndarray, rank: int, team: ProcessGroup) -> tuple[int, int, int]:
     """Find the key of a given rank among the keys of all processes; `keys` (uint64, in order) are those of this one.
     Returns the first and end index of the keys here that equal it, and its rank among all equal ones.
 

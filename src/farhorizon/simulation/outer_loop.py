@@ -11,8 +11,8 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, ValidityWarning
 from farhorizon.files.results_layout import Caution
 from farhorizon.machine import progress
+from farhorizon.simulation.process_group import ProcessGroup, agreed
 from farhorizon.simulation.steps import last_step
-from farhorizon.simulation.team import Team, agreed
 
 MOST_STEPS = 2**53  # step numbers up to this one are exact in double precision
 
@@ -32,19 +32,19 @@ class Advancing(Clocked, Protocol):
     observers: list[Callable[[Any], None]]
     cautions: list[Caution]
     guard_steps: int
-    team: Team
+    team: ProcessGroup
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps."""
 
 
-def tick(run: Advancing, steps: int) -> None:
+def advance_clock(run: Advancing, steps: int) -> None:
     """Advance the clock of a run by a number of steps."""
     run.step_count += steps
     run.time = run.step_count * run.dt
 
 
-def say_doubt(run: Advancing, brief: str, text: str) -> None:
+def warn_once(run: Advancing, brief: str, text: str) -> None:
     """Warn, once for each reason, that the result of a run is doubtful from now on."""
     if all(brief != caution.brief for caution in run.cautions):
         run.cautions.append(Caution(run.time, brief, text))
@@ -85,16 +85,16 @@ def check_ahead(run: Clocked, until: float, key: str) -> None:
         )
 
 
-def go(
+def run_to_step(
     run: Advancing,
     last: int,
     count: int | None,
     show: bool | None,
     ended: Callable[[], bool] | None = None,
-    pace: int | None = None,
+    check_every: int | None = None,
 ) -> bool:
     """Advance to a step; observers are called every `count` steps and at the end. Returns whether `ended`, which is
-    called every `pace` steps, has ended the run earlier.
+    called every `check_every` steps, has ended the run earlier.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def go(
     """
     with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:
-            due = [(run.step_count // every + 1) * every for every in (count, pace) if every is not None]
+            due = [(run.step_count // every + 1) * every for every in (count, check_every) if every is not None]
             stop = min([last, *due])
             while run.step_count < stop:
                 before = run.step_count
@@ -111,7 +111,7 @@ def go(
                 bar.update(run.step_count - before)
                 if run.step_count < stop and run.team.any(run.stop_requested):
                     raise _interrupt(run.team)
-            over = ended is not None and pace is not None and not run.step_count % pace and ended()
+            over = ended is not None and check_every is not None and not run.step_count % check_every and ended()
             if over or run.step_count == last or (count is not None and not run.step_count % count):
                 with run.team.agreed():
                     for observer in run.observers:
@@ -123,6 +123,6 @@ def go(
     return False
 
 
-def _interrupt(team: Team) -> KeyboardInterrupt:
+def _interrupt(team: ProcessGroup) -> KeyboardInterrupt:
     """Return the error by which all processes end a run, and of which the first one tells."""
     return agreed(KeyboardInterrupt(), told=team.number > 0)

@@ -18,9 +18,9 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.host import constants_of, node_factor
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.reference_medium import constants_of, node_factor
 from farhorizon.simulation.setup import Setup, within_part
-from farhorizon.simulation.team import ALONE, Team
 
 #: A node whose bonds are swept one by one, and one in a row of a linear material with breakable, intact bonds.
 _ONE_BY_ONE, _WATCHED = 10.0, 3.0
@@ -67,7 +67,7 @@ def costs_of(setup: Setup, model: LatticeModel) -> Costs:
     return Costs(1.0, _CUT, _RIM, (_UNEVEN, _UNEVEN_ROW) if varies else (0.0, 0.0))
 
 
-def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
+def cost_per_node(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
     """Return the work of each node in a part of the lattice.
 
     Parameters
@@ -125,7 +125,9 @@ def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[in
     return several, in_row
 
 
-def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: Team = ALONE) -> list[np.ndarray]:
+def cost_along(
+    setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: ProcessGroup = ALONE
+) -> list[np.ndarray]:
     """Return, for each axis, the work of the nodes at each place along it, layers beside them included, relative to
     that of as many plain nodes.
 
@@ -138,12 +140,12 @@ def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], tea
         Uniform host of its model.
     more : mapping of (axis, side) to float
         Work beyond each side, as an equivalent number of nodes along the axis.
-    team : Team
+    team : ProcessGroup
     """
     lattice, shape = setup.lattice, setup.lattice.shape
     boxes = decompose(shape, team.size, model.medium(lattice.spacing, lattice.dim).reach, {}, frozenset())
     part = lattice.part(boxes.ranges(team.number))
-    work, sums = work_of(setup, model, part), [np.zeros(n) for n in shape]
+    work, sums = cost_per_node(setup, model, part), [np.zeros(n) for n in shape]
     for axis, (along, place) in enumerate(zip(sums, part.within, strict=True)):
         along[place] = work.sum(tuple(b for b in range(lattice.dim) if b != axis))
     grown = np.array([n + more.get((a, -1), 0.0) + more.get((a, 1), 0.0) for a, n in enumerate(shape)])

@@ -74,7 +74,7 @@ def test_loads_that_go_on_changing_are_refused(factor):
 def test_crack_that_opens_and_prescribed_nodes_are_what_drives_a_run():
     crack = fh.Crack([(-3.0, 0.5), (3.0, 0.5)], opens=30.0)
     sim = wave(cracks=[crack], constraints=[fh.Prescribed([(0.0, 0.0)], "t", until=4.0)])
-    start, end = sim.resting.driven(0.0), sim.resting.driven(50.0)
+    start, end = sim.resting.loading_at(0.0), sim.resting.loading_at(50.0)
     assert [np.abs(a - b).max() > 0 for a, b in zip(start, end, strict=True)] == [True, True]
     assert sim.run("static", tolerance=0.1).time > 30.0
 

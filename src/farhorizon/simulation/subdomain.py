@@ -21,14 +21,14 @@ from farhorizon.inputs.specimens import check_held
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.host import Host
+from farhorizon.simulation.layered_sides import LayeredSides
 from farhorizon.simulation.layers import with_one_filter
+from farhorizon.simulation.load_balance import cost_along
 from farhorizon.simulation.near_field import Extremes, NearField
+from farhorizon.simulation.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorder import Observer, Recorder, recorders_given
+from farhorizon.simulation.reference_medium import ReferenceMedium
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part, wrapping
-from farhorizon.simulation.surroundings import Surroundings
-from farhorizon.simulation.team import ALONE, Team
-from farhorizon.simulation.work import work_along
 
 #: Work of a node of a layer relative to one of the near field.
 _LAYER = 2.0
@@ -37,7 +37,7 @@ _CHOSEN = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Share:
+class Subdomain:
     """What one process computes.
 
     Attributes
@@ -47,7 +47,7 @@ class Share:
     decomposition : Decomposition
     neighbours : dict of (axis, side) to int
         Process that fills the halo at each side, -1 for none, for the axes along which any does.
-    host : Host
+    reference_medium : ReferenceMedium
         Uniform medium relative to which that of the whole run varies.
     whole : Extremes
         Extremes of the near field on all processes.
@@ -58,7 +58,7 @@ class Share:
     setup: Setup
     decomposition: Decomposition
     neighbours: dict[Key, int]
-    host: Host
+    reference_medium: ReferenceMedium
     whole: Extremes
     boundary: dict[str, Side]
 
@@ -77,7 +77,7 @@ class Share:
         """Number of boxes along the axes, in words: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
 
-    def wider(self, field: np.ndarray, width: int, team: Team) -> tuple[Lattice, np.ndarray]:
+    def wider(self, field: np.ndarray, width: int, team: ProcessGroup) -> tuple[Lattice, np.ndarray]:
         """Extend a field by `width` nodes where other processes have them, except across periodic sides; return the
         part of the lattice that it then covers, and the field.
 
@@ -87,7 +87,7 @@ class Share:
             Its last axes are those of the lattice.
         width : int
             At most the number of nodes of a box.
-        team : Team
+        team : ProcessGroup
             All processes, which must call it together.
         """
         lattice, boxes = self.setup.lattice, self.decomposition
@@ -97,12 +97,12 @@ class Share:
             outer = {-1: place == 0, 1: place == count - 1}
             beside = {side: -1 if outer[side] else self.neighbours[axis, side] for side in (-1, 1)}
             edges = {-1: np.take(field, range(width), along), 1: np.take(field, range(-width, 0), along)}
-            low, high = (team.passed(edges[-side], beside[-side], beside[side]) for side in (-1, 1))
+            low, high = (team.send_receive(edges[-side], beside[-side], beside[side]) for side in (-1, 1))
             field = np.concatenate([one for one in (low, field, high) if one is not None], along)
             ends[axis] = ends[axis][0] - width * (low is not None), ends[axis][1] + width * (high is not None)
         return lattice.whole.part(ends), field
 
-    def check_places(self, team: Team) -> None:
+    def check_places(self, team: ProcessGroup) -> None:
         """Refuse bodies, tractions and specimens that have no node on any process."""
         part, sides = self.setup.lattice, self.setup.sides
         check_any(part.mask is None or team.any(bool(part.mask.any())))
@@ -115,21 +115,26 @@ class Share:
                 raise InputError("the traction meets no node", value=load.between, key=key, remedy="a wider load")
 
 
-def share_of(
-    setup: Setup, host: Host, around: Surroundings, near: NearField, team: Team, topology: Sequence[int] | None
-) -> Share:
+def subdomain_of(
+    setup: Setup,
+    reference_medium: ReferenceMedium,
+    layered: LayeredSides,
+    near: NearField,
+    team: ProcessGroup,
+    topology: Sequence[int] | None,
+) -> Subdomain:
     """Return the share of this process.
 
     Parameters
     ----------
     setup : Setup
         Set-up of the whole run.
-    host : Host
-    around : Surroundings
+    reference_medium : ReferenceMedium
+    layered : LayeredSides
         Its sides with their layers.
     near : NearField
         Near field of the whole run, as far as it is known without examining the nodes.
-    team : Team
+    team : ProcessGroup
     topology : sequence of int, optional
         Number of boxes along each axis.
 
@@ -138,11 +143,11 @@ def share_of(
     InputError
         As for `farhorizon.geometry.decomposition.decompose`.
     """
-    lattice, boxes = setup.lattice, boxes_of(setup, host.model, around, team.size, topology, team)
-    around = replace(around, layers=with_one_filter(around.layers, near.rate_limit, near.dt, lattice.dim))
+    lattice, boxes = setup.lattice, boxes_of(setup, reference_medium.model, layered, team.size, topology, team)
+    layered = replace(layered, layers=with_one_filter(layered.layers, near.rate_limit, near.dt, lattice.dim))
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
-    whole_sides, sides = _chosen(around), {}
-    for (axis, side), boundary in around.sides.items():
+    whole_sides, sides = _chosen(layered), {}
+    for (axis, side), boundary in layered.sides.items():
         outer = place[axis] == (0 if side < 0 else boxes.topology[axis] - 1)
         alone = boxes.topology[axis] == 1
         own_side = alone or (outer and not boundary.periodic)
@@ -163,18 +168,20 @@ def share_of(
             replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
         ),
         specimens=tuple(replace(one, where=own(one.where)) for one in setup.specimens),
-        loads=tuple(_load_on(part, one, number, setup, host.model) for number, one in enumerate(setup.loads)),
+        loads=tuple(
+            _load_on(part, one, number, setup, reference_medium.model) for number, one in enumerate(setup.loads)
+        ),
     )
-    share = Share(mine, boxes, boxes.neighbours(team.number), host, near.extremes, whole_sides)
-    share.check_places(team)
-    return share
+    subdomain = Subdomain(mine, boxes, boxes.neighbours(team.number), reference_medium, near.extremes, whole_sides)
+    subdomain.check_places(team)
+    return subdomain
 
 
-def _chosen(around: Surroundings) -> dict[str, Side]:
+def _chosen(layered: LayeredSides) -> dict[str, Side]:
     """Return the sides by name, with the layers as chosen."""
     found = {}
-    for key, side in around.sides.items():
-        layer = around.layers.get(key)
+    for key, side in layered.sides.items():
+        layer = layered.layers.get(key)
         found[side_name(*key)] = side if layer is None else replace(side, nodes=layer.columns, profile=layer)
     return found
 
@@ -182,28 +189,28 @@ def _chosen(around: Surroundings) -> dict[str, Side]:
 def boxes_of(
     setup: Setup,
     model: LatticeModel,
-    around: Surroundings,
+    layered: LayeredSides,
     processes: int,
     topology: Sequence[int] | None = None,
-    team: Team = ALONE,
+    team: ProcessGroup = ALONE,
     work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """Return the boxes of `processes` processes, see `share_of`; `work` is the work along the axes, if already
+    """Return the boxes of `processes` processes, see `subdomain_of`; `work` is the work along the axes, if already
     known.
     """
     lattice, stencil = setup.lattice, model.medium(setup.lattice.spacing, setup.lattice.dim)
-    filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.filtered), default=1)
-    beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
-    work = work_along(setup, model, beyond, team) if work is None else work
+    filtered = max((len(layer.taps) - 1 for layer in layered.layers.values() if layer.filtered), default=1)
+    beyond, wraps = cost_beyond(layered, stencil, lattice), wrapping(layered.sides)
+    work = cost_along(setup, model, beyond, team) if work is None else work
     return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered, work)
 
 
-def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dict[Key, float]:
+def cost_beyond(layered: LayeredSides, stencil: Stencil, lattice: Lattice) -> dict[Key, float]:
     """Return the cost of each side, as an equivalent number of nodes along its axis."""
     found = {}
-    for key in around.sides:
-        layer = around.layers.get(key)
-        found[key] = around.width(key, stencil, lattice.spacing) + (0 if layer is None else _LAYER * layer.columns)
+    for key in layered.sides:
+        layer = layered.layers.get(key)
+        found[key] = layered.width(key, stencil, lattice.spacing) + (0 if layer is None else _LAYER * layer.columns)
     return found
 
 
@@ -224,7 +231,7 @@ def _missing(what: str, key: str) -> InputError:
     return InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
 
 
-def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
+def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
     """Refuse, before any work, what cannot run on several processes, recorders included.
 
     Raises
@@ -295,7 +302,7 @@ def chooses(sides: Sides) -> list[Key]:
     return [key for key, side in sides.items() if side.stretched and side.profile is None and side.open_ended]
 
 
-def check_given(setup: Setup, observe: Any, topology: Any, team: Team) -> list[int] | None:
+def check_given(setup: Setup, observe: Any, topology: Any, team: ProcessGroup) -> list[int] | None:
     """Return the checked topology of a run, and refuse arguments that differ between processes. Each may have the
     threads of its machine, and observers of its own, except for recorders.
 

@@ -10,9 +10,9 @@ import numpy as np
 from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, Key
-from farhorizon.simulation.share import boxes_of, check_shareable, work_beyond
+from farhorizon.simulation.load_balance import cost_along, cost_per_node
 from farhorizon.simulation.steps import seconds_of
-from farhorizon.simulation.work import work_along, work_of
+from farhorizon.simulation.subdomain import boxes_of, check_divisible, cost_beyond
 
 _COUNTS = 1, 2, 8, 64, 512
 #: Latency in seconds and bandwidth in bytes per second of messages between two processes on one machine, in both
@@ -32,38 +32,38 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
         Number of boxes along each axis to report on, in addition to those that are chosen.
     """
     try:
-        check_shareable(run.setup, run.recorders)
+        check_divisible(run.setup, run.recorders)
     except InputError as error:
         return [("several processes", str(error))]
     wanted = [] if topology is None else [(int(np.prod(topology)), topology)]
     found, seconds = [], seconds_of(run.engine)
-    beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
-    nodes = work_of(run.setup, run.model, run.lattice)
-    along = work_along(run.setup, run.model, beyond)
+    beyond = cost_beyond(run.parts.layered, run.stencil, run.lattice)
+    nodes = cost_per_node(run.setup, run.model, run.lattice)
+    along = cost_along(run.setup, run.model, beyond)
     whole = float(np.prod(run.engine.layout.box.nodes))
     for count, given in [*((count, None) for count in _COUNTS), *wanted]:
         try:
-            boxes = boxes_of(run.setup, run.model, run.parts.around, count, given, work=along)
+            boxes = boxes_of(run.setup, run.model, run.parts.layered, count, given, work=along)
         except InputError as error:
             found.append((f"{count} processes", f"{error.message}: {error.limit}"))
             continue
-        most = max(boxes.corners(), key=lambda number: sent_by(boxes, number, run))
-        sent, size = sent_by(boxes, most, run), int(np.prod(boxes.size(most, nodes_beyond(run))))
-        own = size * sum(numbers_sent(run.engine)) * run.engine.dtype.itemsize
+        most = max(boxes.corners(), key=lambda number: halo_bytes(boxes, number, run))
+        sent, size = halo_bytes(boxes, most, run), int(np.prod(boxes.size(most, nodes_beyond(run))))
+        own = size * sum(halo_numbers(run.engine)) * run.engine.dtype.itemsize
         words = f"sends at most {sent / 1024:.3g} KiB a step, {100 * sent / own:.3g} % of the values that it computes"
         name = f"{count} process{'es' * (count > 1)}"
         each = max(np.prod(boxes.size(number, nodes_beyond(run))) for number in boxes.corners())
         words = f"{' x '.join(map(str, boxes.topology))} boxes; each {words}" if sent else "nothing is sent"
         words += f"; {run.engine.nbytes * each / whole / 2**20:.3g} MiB each"
         if count > 1:
-            work = work_of_boxes(boxes, nodes, beyond)
+            work = cost_of_boxes(boxes, nodes, beyond)
             words += f"; the busiest has {work.max() / work.mean():.3g} of the mean work"
             words += f"; {100 * efficiency(boxes, work, run, seconds):.3g} % efficient, as predicted"
         found.append((name, words))
     return found
 
 
-def work_of_boxes(boxes: Decomposition, nodes: np.ndarray, beyond: Mapping[Key, float]) -> np.ndarray:
+def cost_of_boxes(boxes: Decomposition, nodes: np.ndarray, beyond: Mapping[Key, float]) -> np.ndarray:
     """Return the work of each box, including that of the layers beyond outer boxes.
 
     Parameters
@@ -113,8 +113,8 @@ def efficiency(boxes: Decomposition, work: np.ndarray, run: Any, seconds: float)
 def _seconds_of_messages(boxes: Decomposition, number: int, run: Any, latency: float, bandwidth: float) -> list[float]:
     """Return the time that the messages of a process take along each axis."""
     others = [axis for (axis, _), other in boxes.neighbours(number).items() if other not in (-1, number)]
-    counts = [others.count(axis) * len(numbers_sent(run.engine)) for axis in range(run.lattice.dim)]
-    found = zip(counts, sent_along(boxes, number, run), strict=True)
+    counts = [others.count(axis) * len(halo_numbers(run.engine)) for axis in range(run.lattice.dim)]
+    found = zip(counts, halo_bytes_along(boxes, number, run), strict=True)
     return [count * latency + sent / bandwidth for count, sent in found]
 
 
@@ -142,18 +142,18 @@ def nodes_beyond(run: Any) -> dict[Key, int]:
     }
 
 
-def numbers_sent(engine: Engine) -> list[int]:
+def halo_numbers(engine: Engine) -> list[int]:
     """Return how many numbers per node beside a cut are sent in a step, message by message."""
-    states = [] if engine.passes is None else [engine.tables.scatter.columns]
+    states = [] if engine.passes is None else [engine.tables.divergence_pass.columns]
     return [engine.components, *states] * len(engine.stages.numbers)
 
 
-def sent_by(boxes: Decomposition, number: int, run: Any) -> int:
-    """Return the bytes that a process sends to others in a step; see `sent_along`."""
-    return sum(sent_along(boxes, number, run))
+def halo_bytes(boxes: Decomposition, number: int, run: Any) -> int:
+    """Return the bytes that a process sends to others in a step; see `halo_bytes_along`."""
+    return sum(halo_bytes_along(boxes, number, run))
 
 
-def sent_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
+def halo_bytes_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
     """Return the bytes that a process sends to others in a step along each axis: field values at nodes, and values of
     the lines of layers along the last axis that cross a cut.
 
@@ -173,5 +173,5 @@ def sent_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
     each = boxes.size(number, beyond)[-1] + 2 * reach[-1]  # nodes of each line that is sent
     in_a_line = sum(outer * engine.in_a_line(side) for side, outer in ((-1, place == 0), (1, place == last)))
     lines = [count // each * in_a_line * len(engine.stages.numbers) for count in nodes[:-1]] + [0]
-    values = [count * sum(numbers_sent(engine)) for count in nodes]
+    values = [count * sum(halo_numbers(engine)) for count in nodes]
     return [(one + other) * engine.dtype.itemsize for one, other in zip(values, lines, strict=True)]

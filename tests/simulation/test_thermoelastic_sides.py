@@ -43,7 +43,7 @@ def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
     more_nodes = np.array([far * (f"{axis}+" in open_sides) for axis in "xyz"[: len(low)]])
     small = fh.Simulation(fh.Lattice(1.0, low, high), model, sides, initial, **more)
     large = fh.Simulation(fh.Lattice(1.0, low - less, high + more_nodes), model, sides, initial, dt=small.dt, **more)
-    assert small.parts.warm == large.parts.warm != frozenset()
+    assert small.parts.thermoelastic == large.parts.thermoelastic != frozenset()
     stiffening = small.parts.near.coupling.stiffening if model.coupled else 0.0
     # the fastest wave would go there and back
     assert 2 * far > 1.1 * until * small.model.p_speed * np.sqrt(small.strongest * (1 + stiffening))
@@ -220,7 +220,7 @@ def test_layers_that_choose_themselves_keep_their_targets(number):
 def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
     """Unstretched nodes are put before the layer, whose memory begins with nothing: as many for both fields."""
     sim = fh.Simulation(fh.Lattice(1.0, (-9.0, 0.0), (9.0, 4.0)), both(family=3.0), STRIP)
-    heat = sim._march.heating._heat.parts.grid
+    heat = sim._time_loop.heating._heat.parts.grid
     assert sim.parts.grid.margins == heat.margins
     assert sim.parts.grid.margins[0, 1] == 4  # one plus the reach of the heat
     assert sim.engine.layout.box.nodes == heat.engine.layout.box.nodes
@@ -228,15 +228,15 @@ def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
 
 def matrix_of_a_step(sim):
     """One step of the displacements now and a step ago, the temperature, and the memory of all layers, as a matrix."""
-    march, solid = sim._march, sim.engine
-    heating = march.heating
+    time_loop, solid = sim._time_loop, sim.engine
+    heating = time_loop.heating
     heat = heating._heat.parts.grid.engine
     warm = heat.layout.box.node_indices().ravel()
     nodes = solid.all_components(solid.layout.box.node_indices().ravel())
 
     def step():
         heating._now = heating._temperature_now()
-        for _ in march.advance(0, 1):
+        for _ in time_loop.advance(0, 1):
             pass
 
     random = np.random.default_rng(SEED)
@@ -324,7 +324,7 @@ SIDES = {
 @pytest.mark.parametrize("name", SIDES)
 def test_which_sides_both_fields_go_through(name):
     sides, count = SIDES[name]
-    assert len(fh.Simulation(SQUARE, both(), sides).parts.warm) == count
+    assert len(fh.Simulation(SQUARE, both(), sides).parts.thermoelastic) == count
 
 
 @pytest.mark.slow
@@ -345,7 +345,7 @@ def test_extended_domains_are_as_layers(sides, coupled):
         fh.Simulation(box, model, one, initial, dt=0.3).run(25.0, progress=False)
         for one in (sides, fh.LatticePML(nodes=24))
     ]
-    assert len(runs[0].parts.warm) == 4
+    assert len(runs[0].parts.thermoelastic) == 4
     for name, base in (("u", 0.0), ("T", ZERO)):
         found, wanted = (run.fields[name] for run in runs)
         assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted - base).max()
@@ -355,14 +355,14 @@ def test_a_heat_of_several_stages_shares_no_layer():
     """A layer has no memory for each of them."""
     heat = fh.Heat(fh.Kernel(2.0), 4.0, 0.5, 0.3, "rk4")
     sim = fh.Simulation(SQUARE, fh.Thermoelastic(both().elastic, heat, 1e-3, ZERO), fh.LatticePML(nodes=6))
-    assert not sim.parts.warm and sim.engine.warm_layers is None
+    assert not sim.parts.thermoelastic and sim.engine.thermoelastic_layers is None
 
 
 def test_a_heat_that_needs_shorter_steps_is_not_shared():
     """Without coupling, the solid takes its own steps, at which so fast a heat is not stable."""
     for diffusivity, count in ((0.3, 4), (30.0, 0)):
         sim = fh.Simulation(SQUARE, both(diffusivity=diffusivity, coupled=False), fh.LatticePML(nodes=6))
-        assert len(sim.parts.warm) == count
+        assert len(sim.parts.thermoelastic) == count
 
 
 @pytest.mark.parametrize("material", MATERIALS)
@@ -395,6 +395,6 @@ def test_a_run_goes_on_bit_for_bit(tmp_path, sides, dtype, coupled):
     for one in runs:
         one.step(25)
     for one in runs[1:]:
-        assert one.parts.warm == sim.parts.warm != frozenset()
+        assert one.parts.thermoelastic == sim.parts.thermoelastic != frozenset()
         for name, values in sim.fields.items():
             np.testing.assert_array_equal(one.fields[name], values)

@@ -17,7 +17,7 @@ from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class LayeredSides:
     """The sides of a near field and what has been chosen for them.
 
     Attributes
@@ -75,7 +75,7 @@ class Surroundings:
         return {key: max(n, stencil.reach[key[0]]) for key, n in nodes.items()}
 
 
-def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key, float] | None = None) -> Surroundings:
+def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key, float] | None = None) -> LayeredSides:
     """Return the surroundings with layers that are given or follow from their targets alone; `faster` is the squared
     speed of the medium at each side over that of the model.
     """
@@ -93,24 +93,24 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key,
         for key, boundary in sides.items()
         if boundary.stretched
     }
-    return Surroundings(sides, coefficients, layers)
+    return LayeredSides(sides, coefficients, layers)
 
 
-def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float:
+def memory_needed(setup: Setup, stencil: Stencil, layered: LayeredSides) -> float:
     """Return the peak memory in bytes, which is needed during set-up: three levels and the layers' memory once more,
     and about seven fields besides coordinates.
     """
     lattice, reach, itemsize = setup.lattice, stencil.reach, np.dtype(setup.dtype).itemsize
-    more = {key: around.width(key, stencil, lattice.spacing) for key in around.sides}
+    more = {key: layered.width(key, stencil, lattice.spacing) for key in layered.sides}
     shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(lattice.shape)]
     columns = [
-        sum(layer.columns for (a, _), layer in around.layers.items() if a == axis) for axis in range(lattice.dim)
+        sum(layer.columns for (a, _), layer in layered.layers.items() if a == axis) for axis in range(lattice.dim)
     ]
     nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
     sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
     # the edges between sides of the first two axes
     memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if lattice.dim == 3 else 0.0)
-    tuned = {key: layer.columns for key, layer in around.layers.items() if layer.tuned.size}
+    tuned = {key: layer.columns for key, layer in layered.layers.items() if layer.tuned.size}
     memory += 3 * sum(columns * np.prod(nodes) / nodes[axis] for (axis, _), columns in tuned.items())
     levels = setup.model.integrator.stages(1.0, 0.0, lattice.dim == 1).levels + setup.lasting
     bits = 8 * -(-len(stencil.weights) // 64) * (setup.model.bond_law is not None)
@@ -118,9 +118,9 @@ def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float
     return float(stencil.components * fields + (8 * lattice.dim + bits) * np.prod(lattice.shape))
 
 
-def check_memory(setup: Setup, stencil: Stencil, around: Surroundings) -> None:
+def check_memory(setup: Setup, stencil: Stencil, layered: LayeredSides) -> None:
     """Raise InputError if the run does not fit into memory."""
-    need = memory_needed(setup, stencil, around)
+    need = memory_needed(setup, stencil, layered)
     if need > available_memory():
         raise InputError(
             "the run does not fit into memory",

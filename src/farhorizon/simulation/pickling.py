@@ -45,5 +45,5 @@ def _unpacked(kind: Any, given: dict[str, Any], state: bytes, watched: Any) -> A
         path.write_bytes(state)
         run = kind.restore(path, **given)
     if watched is not None:
-        run._watch(watched)
+        run._set_probes(watched)
     return run
