@@ -101,7 +101,7 @@ from farhorizon.simulation.far_field import FarField as FarField
 from farhorizon.simulation.intensities import StressIntensity as StressIntensity
 from farhorizon.simulation.power_through import PowerThrough as PowerThrough
 from farhorizon.simulation.probes import Probes as Probes
-from farhorizon.simulation.reaction import Reaction as Reaction
+from farhorizon.simulation.reaction_forces import Reaction as Reaction
 from farhorizon.simulation.receivers import Receivers as Receivers
 from farhorizon.simulation.setup import Setup as Setup
 from farhorizon.simulation.shell_recorder import ShellRecorder as ShellRecorder
