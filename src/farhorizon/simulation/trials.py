@@ -35,6 +35,9 @@ CROSSINGS = 20
 #: part of its time, and twenty seconds at most. Seconds are counted operations of a typical core.
 SECONDS = 2.0
 _RUNS, _LONG, _PART, _MOST_SECONDS = 1.5, 10.0, 0.25, 20.0
+# the same where usual layers turn out too thin: three references, each with candidates of two families, which have three
+# quarters of its nodes. With less, one in twenty choices was a guess, which missed its target by up to 58 times
+_THICKER = 9
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
 # needs for an exponential
@@ -295,7 +298,7 @@ class TrialRuns:
         """
         layers = self._layers_of(sides)
         before, whole = self.spent + self._seconds(layers, trial), self._seconds(layers, self.until)
-        return before <= self.allowed or (whole < _LONG and before <= _RUNS * whole)
+        return before <= self.allowed or (whole < _LONG and before <= _THICKER * whole)
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
