@@ -248,7 +248,7 @@ def scene(random: np.random.Generator) -> tuple[dict[str, Any], float, bool]:
         setup["constraints"] = [fh.Prescribed(fh.Disc(3.0, (half[0] - 7.0, 0.0)), value=[0.0, 0.0] if solid else 0.0)]
     elif kind == "incident":
         setup["initial"] = {}
-        setup["lattice"] = fh.Lattice(1.0, -half, half, body=fh.Box(-3 * half, 3 * half) - fh.Disc(4.0, centre))
+        setup["lattice"] = fh.Lattice(1.0, -half, half, body=fh.Box(-3 * half, 3 * half) - fh.Disc(3.0, centre / 2))
         way = random.uniform(0, 2 * np.pi)
         period = float(random.uniform(8, 20)) / speed
         bump = f"exp(-((t - {1.5 * period})/{0.3 * period})**2)"
