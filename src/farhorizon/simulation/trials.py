@@ -34,9 +34,10 @@ CROSSINGS = 20
 #: Trials take as long as `_RUNS` runs, or as many seconds if that is more; where a run takes longer than `_LONG`, a
 #: part of its time, and twenty seconds at most. Seconds are counted operations of a typical core.
 SECONDS = 2.0
-_RUNS, _LONG, _PART, _MOST_SECONDS = 1.5, 10.0, 0.25, 20.0
-# the same where usual layers turn out too thin: three references, each with candidates of two families, which have three
-# quarters of its nodes. With less, one in twenty choices was a guess, which missed its target by up to 58 times
+_RUNS, _LONG, _PART, _MOST_SECONDS = 3.0, 10.0, 0.25, 20.0
+# the same where usual layers turn out too thin: three references, each with candidates of two families, which have
+# three quarters of its nodes. With half of these limits, trials of many runs end early or not at all, and one choice in
+# twenty missed its target
 _THICKER = 9
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
@@ -367,8 +368,10 @@ class TrialRuns:
     @property
     def apart(self) -> float:
         """Nodes of a reference over those of a candidate."""
-        walls = any(b.image for b in self.run.sides.values())
-        return APART_SLOW if walls and self._strong and self.near.lattice.dim > 1 else APART
+        given, lattice = self.run.setup, self.near.lattice
+        walls = any(b.image for b in self.run.sides.values()) or given.constraints or given.cracks
+        reflected = walls or lattice.mask is not None
+        return APART_SLOW if reflected and self._strong and lattice.dim > 1 else APART
 
     @property
     def start(self) -> int:
