@@ -11,6 +11,17 @@ def soft(sim):
     return [note for note in sim.notes if "apparent over given Young's modulus" in note]
 
 
+def pulled(model, nodes):
+    """Apparent modulus of a strip that uniform tractions pull until it is at rest: stress over strain of its middle."""
+    width = (nodes - 1) / 2
+    lattice = fh.Lattice(1.0, (-40.0, -8.0), (40.0, 8.0), body=fh.Box((-99.0, -width - 0.5), (99.0, width + 0.5)))
+    pull = fh.BodyForce(["where(x > 30, 1e-4, where(x < -30, -1e-4, 0))", 0.0])
+    sim = fh.Simulation(lattice, model(lattice), fh.Free(), loads=[pull], threads=1)
+    sim.run(until=3000.0, progress=False)
+    u = sim.fields["u"][0][:, 8 - int(width) : 9 + int(width)]
+    return 1e-4 * 10 / ((u[50] - u[30]).mean() / 20), sim
+
+
 def test_one_row_is_a_chain_of_its_own_bonds():
     """Its stiffness is a sum over the bonds along the row, of which the solid's are calibrated as a whole."""
     kernel = fh.Kernel(3.0, 1)
@@ -26,20 +37,27 @@ def test_one_row_is_a_chain_of_its_own_bonds():
     ("material", "poisson", "nodes"), [("bond-based", 1 / 3, 5), ("bond-based", 1 / 3, 9), ("state-based", 0.2, 5)]
 )
 def test_the_modulus_is_that_of_a_pulled_specimen(material, poisson, nodes):
-    """A strip is pulled by uniform tractions in whole until it is at rest: force over strain of its middle."""
-    kernel, width = fh.Kernel(2.0, 1), (nodes - 1) / 2
-    ratio = {} if material == "bond-based" else {"poisson": poisson}
-    model = fh.Elastic(kernel, 1.0, plane="stress", material=material, damping=0.02, **ratio)
-    lattice = fh.Lattice(1.0, (-40.0, -8.0), (40.0, 8.0), body=fh.Box((-99.0, -width - 0.5), (99.0, width + 0.5)))
-    pull = fh.BodyForce(["where(x > 30, 1e-4, where(x < -30, -1e-4, 0))", 0.0])
-    sim = fh.Simulation(lattice, model, fh.Free(), loads=[pull], threads=1)
-    sim.run(until=3000.0, progress=False)
-    force = 1e-4 * nodes * 10
-    u = sim.fields["u"][0][:, 8 - int(width) : 9 + int(width)]
-    strain = (u[50] - u[30]).mean() / 20
+    kernel, ratio = fh.Kernel(2.0, 1), {} if material == "bond-based" else {"poisson": poisson}
+    found, sim = pulled(
+        lambda _: fh.Elastic(kernel, 1.0, plane="stress", material=material, damping=0.02, **ratio), nodes
+    )
     expected = apparent_modulus(kernel, 1.0, 2, material, "stress", poisson, nodes)
-    assert abs(force / nodes / strain - expected) < 2e-3
+    assert abs(found - expected) < 2e-3
     assert any(f"{expected:.3f}" in note for note in soft(sim)) == (expected < 0.95)  # 9 nodes: 4.6 %
+
+
+@pytest.mark.parametrize("nodes", [3, 5])
+def test_the_volume_method_overshoots_in_tension(nodes):
+    """By at least half of what was lacking: the note does not recommend it."""
+    kernel = fh.Kernel(2.0, 1)
+    given = {"plane": "stress", "damping": 0.02}
+
+    def corrected(lattice):
+        return fh.Elastic(kernel, fh.surface_factor(lattice, fh.Elastic(kernel, 1.0, **given), fh.Free()), **given)
+
+    lacking = 1 - apparent_modulus(kernel, 1.0, 2, "bond-based", "stress", 1 / 3, nodes)
+    found, _ = pulled(corrected, nodes)
+    assert 0.5 * lacking < found - 1 < 2 * lacking
 
 
 @pytest.mark.slow

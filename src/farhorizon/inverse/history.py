@@ -47,6 +47,7 @@ class PatchRecorder(Recorder, offered=False):
 
     @property
     def recorded(self) -> Recorded:
+        """Not asked for: what is on a patch is read by rows, and goes into no file."""
         raise NotImplementedError
 
     def forget(self) -> None:

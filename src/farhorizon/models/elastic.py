@@ -272,6 +272,13 @@ class Elastic(LatticeModel):
         return self if self.bondwise else None
 
     @property
+    def soft_at_surfaces(self) -> Elastic | None:
+        """The model itself if it is bond-based or state-based; the gradients of correspondence materials are exact at
+        surfaces.
+        """
+        return self if self.material in ("bond-based", "state-based") and isinstance(self.kernel, Kernel) else None
+
+    @property
     def cuttable(self) -> bool:
         """Whether bonds may be absent."""
         return self.bonds or isinstance(self.kernel, Kernel)

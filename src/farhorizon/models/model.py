@@ -358,6 +358,11 @@ class LatticeModel:
         return None
 
     @property
+    def soft_at_surfaces(self) -> Any:
+        """The model itself where it is softer beside free surfaces, beyond which bonds are absent, else None."""
+        return None
+
+    @property
     def cuttable(self) -> bool:
         """Whether bonds may be absent: cut by cracks, beyond free sides, or outside a body."""
         return self.bonds

@@ -14,7 +14,6 @@ from farhorizon.models import Elastic
 from farhorizon.simulation.assembly import assemble
 from farhorizon.simulation.setup import Setup, Sides
 
-_SERVED = ("bond-based", "state-based")  # the gradients of correspondence materials are exact at surfaces
 _SOFT = 0.05  # error of Young's modulus from which on there is a note: that of a good tension test
 _THICK = 8  # horizons from which on a body is softer by less, since the softness is about 0.2 horizons over thickness
 _OFTEN = 0.1  # fraction of the nodes of a body from which on a part of it counts, unlike single nodes at its rim
@@ -123,10 +122,8 @@ def apparent_modulus(
 
 def thin_note(setup: Setup, sides: Sides) -> list[str]:
     """Return a note on a body that is softer than its material since it is only a few horizons thick."""
-    model, lattice = setup.model, setup.lattice.whole
-    if not isinstance(model, Elastic) or model.material not in _SERVED or not isinstance(model.kernel, Kernel):
-        return []
-    if lattice.dim < 2 or setup.rim != "free" or int(np.prod(lattice.shape)) > _MOST:
+    model, lattice = setup.model.soft_at_surfaces, setup.lattice.whole
+    if model is None or lattice.dim < 2 or setup.rim != "free" or int(np.prod(lattice.shape)) > _MOST:
         return []
     if set(model.varying) - {"density"}:  # such as a modulus with the factor of `surface_factor`
         return []
@@ -141,5 +138,5 @@ def thin_note(setup: Setup, sides: Sides) -> list[str]:
     return [
         f"the body is {thick} thick: near its free surfaces bonds are absent, so that in tension it is about "
         f"{100 * abs(1 - left):.0f} % too {word} (apparent over given Young's modulus {left:.3f}); "
-        'surface_factor corrects most of it, material = "correspondence" is exact'
+        'material = "correspondence" is exact; surface_factor overshoots in tension by about as much'
     ]
