@@ -368,10 +368,8 @@ class TrialRuns:
     @property
     def apart(self) -> float:
         """Nodes of a reference over those of a candidate."""
-        given, lattice = self.run.setup, self.near.lattice
-        walls = any(b.image for b in self.run.sides.values()) or given.constraints or given.cracks
-        reflected = walls or lattice.mask is not None
-        return APART_SLOW if reflected and self._strong and lattice.dim > 1 else APART
+        walls = any(b.image for b in self.run.sides.values())
+        return APART_SLOW if walls and self._strong and self.near.lattice.dim > 1 else APART
 
     @property
     def start(self) -> int:
