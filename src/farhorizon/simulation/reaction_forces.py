@@ -124,7 +124,7 @@ class Reaction(RowRecorder):
                 remedy="Prescribed nodes in the region; a fixed side lies beyond the nodes: prescribe the outermost "
                 "ones, and let the side be free",
             )
-        self._labels = tuple(f"constraint {i}" for i in range(len(groups))) if self.region is None else ("region",)
+        self._labels = tuple(f"constraint {i}" for i in range(len(groups))) if self.region is None else (self.name,)
         corner, spacing = np.array(lattice.lower), lattice.spacing
         places = [np.stack(np.unravel_index(nodes, lattice.shape), -1) for nodes in groups]
         self.points = np.array([corner + spacing * one.mean(0) for one in places])
