@@ -55,7 +55,7 @@ from scipy import fft
 import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice, largest_speed
 from farhorizon.medium.integrators import Verlet, VerletModes
-from farhorizon.simulation.steps import seconds_of
+from farhorizon.simulation.time.steps import seconds_of
 
 SEEDS = {
     "first": 41,

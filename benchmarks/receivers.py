@@ -22,7 +22,7 @@ import numpy as np
 from common import run_parts, verdict
 
 import farhorizon as fh
-from farhorizon.simulation.recording import Recording
+from farhorizon.simulation.recorders.recording import Recording
 
 NODES, REACH = 1000, 3
 STEPS = 20  # steps per turn; a run makes 200 steps of this size before it returns to Python

@@ -11,7 +11,7 @@ Each part starts programs one after the other, round by round, and prints median
   many times in turns.
 - messages: time of one message between two processes, in both directions at once, including packing and unpacking: the
   smallest of many times for messages of 168 bytes and of 24 MB; and the part of it that is not hidden by other work.
-  `check --details` predicts efficiencies from these (`farhorizon.simulation.halo_volume`).
+  `check --details` predicts efficiencies from these (`farhorizon.simulation.processes.halo_volume`).
 - curves: weak and strong scaling over the numbers of processes (of one thread each) in `--processes`: a table of the
   efficiencies and of the bytes that a process sends, and with `--plot FILE` a plot. Runs only on request.
 

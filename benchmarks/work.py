@@ -1,7 +1,7 @@
 """Cost of nodes that lack bonds, or whose bonds are processed one by one, relative to nodes of a plain stencil.
 
-These are the constants of `farhorizon.simulation.load_balance`, by which a lattice is divided into boxes for several
-processes.
+These are the constants of `farhorizon.simulation.processes.load_balance`, by which a lattice is divided into boxes for
+several processes.
 
     NUMBA_NUM_THREADS=1 python benchmarks/work.py
 

@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 
-from farhorizon.simulation.process_group import ProcessGroup
+from farhorizon.simulation.processes.process_group import ProcessGroup
 
 
 class Threads(ProcessGroup):

@@ -7,7 +7,7 @@ import farhorizon as fh
 from farhorizon.boundaries import Extended, LatticePML
 from farhorizon.case.case import Case
 from farhorizon.checks.run_cost import RunCost
-from farhorizon.simulation import side_selection
+from farhorizon.simulation.sides import side_selection
 from farhorizon.studies.compare import compare
 
 LATTICE = fh.Lattice(0.25, (-3.0, -2.0), (3.0, 2.0))

@@ -583,7 +583,7 @@ def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, mo
     flat = fh.Simulation(plane, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-2), initial={"u": pulse_there})
     assert flat.engine.memory.dtype == "float64"
     with monkeypatch.context() as patched:
-        patched.setattr("farhorizon.simulation.trials._SHORT", np.inf)
+        patched.setattr("farhorizon.simulation.sides.trials._SHORT", np.inf)
         full = make(target=1e-4, until=40.0)
     assert full.engine.memory.nbytes == 2 * short.engine.memory.nbytes
     steps = int(40 / short.dt)
@@ -627,7 +627,7 @@ def test_six_digits_leave_a_part_of_the_target_to_the_end(number, monkeypatch):
     sources = [fh.Source(bell, COURSES[number % 4])]
     short = fh.Simulation(box, model, sides, sources=sources, threads=1)
     with monkeypatch.context() as patched:
-        patched.setattr("farhorizon.simulation.trials._SHORT", np.inf)
+        patched.setattr("farhorizon.simulation.sides.trials._SHORT", np.inf)
         full = fh.Simulation(box, model, sides, sources=sources, threads=1)
     assert (short.engine.memory.dtype, full.engine.memory.dtype) == ("int32", "float64")
     largest, missed = 0.0, []

@@ -334,7 +334,7 @@ def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, thread
     """With as many threads as cores or more the result, boundary memory included, is bitwise that of the serial run,
     because the order of summation does not change.
     """
-    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: threads)
+    monkeypatch.setattr("farhorizon.simulation.setup.setup.available_threads", lambda: threads)
     lattice = lattice_of(shape)
     u = np.pad(np.random.default_rng(17).normal(size=[n - 16 for n in shape]), 8)
     runs = [Simulation(lattice, model, boundary, {"u": u}, threads=n, **rest) for n in (1, threads)]

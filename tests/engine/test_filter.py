@@ -212,7 +212,7 @@ def test_threads_filter_what_one_does(threads, blocked, monkeypatch):
     """
     monkeypatch.setattr("farhorizon.engine.filter._CACHED", 0)
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
-    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: threads)
+    monkeypatch.setattr("farhorizon.simulation.setup.setup.available_threads", lambda: threads)
     lattice = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3)
     model = fh.Elastic(fh.Kernel(2.0, 1), young=1.0) if blocked else fh.Wave(fh.Kernel(3.0))
     shape = (3, *lattice.shape) if blocked else lattice.shape

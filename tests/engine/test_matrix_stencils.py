@@ -169,7 +169,7 @@ def test_two_threads_compute_what_one_does(shape, solid, monkeypatch):
     lattice = lattice_of(shape)
     runs = []
     for threads in (1, 2):
-        monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda n=threads: n)
+        monkeypatch.setattr("farhorizon.simulation.setup.setup.available_threads", lambda n=threads: n)
         sim = Simulation(
             lattice,
             solid,

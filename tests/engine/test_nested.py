@@ -172,7 +172,7 @@ def test_threads_wait_for_the_lines_that_drag_continues(periodic, monkeypatch):
     threads must wait for each other there, or drag takes what is left of the step before.
     """
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
-    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: 3)
+    monkeypatch.setattr("farhorizon.simulation.setup.setup.available_threads", lambda: 3)
     sides = {"x": fh.Periodic() if periodic else fh.LatticePML(nodes=4), "y": fh.LatticePML(nodes=6)}
     model = fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4, stabilisation=0.3)
     lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))

@@ -134,7 +134,7 @@ SETUPS = {
 def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     """One number per node restores the same as a list of its absent bonds; two threads agree bitwise with one."""
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
-    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: 2)
+    monkeypatch.setattr("farhorizon.simulation.setup.setup.available_threads", lambda: 2)
     lattice, model, boundary, rest = SETUPS[name]
     shape = (lattice.dim, *lattice.shape) if isinstance(model, fh.Elastic) else lattice.shape
     start = {"u": np.random.default_rng(4).standard_normal(shape)}

@@ -14,7 +14,7 @@ import farhorizon as fh
 from farhorizon.arguments import Unit
 from farhorizon.case.case import Case
 from farhorizon.case.keys import all_keys, explain_keys
-from farhorizon.simulation.recorder import Recorder
+from farhorizon.simulation.recorders.recorder import Recorder
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
 SECTION = PAGE[PAGE.index("## A shape, a load") :]

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import farhorizon as fh
-from farhorizon.simulation.reference_medium import constants_of
+from farhorizon.simulation.setup.reference_medium import constants_of
 
 
 def labels(*shape):

@@ -8,7 +8,7 @@ from scipy import optimize, special
 
 import farhorizon as fh
 from farhorizon.case.case import Case
-from farhorizon.simulation.source_terms import signals
+from farhorizon.simulation.time.source_terms import signals
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 RNG = np.random.default_rng(SEED)

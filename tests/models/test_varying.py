@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.stiffening import largest_rate
+from farhorizon.simulation.setup.stiffening import largest_rate
 from farhorizon.studies.compare import compare
 from helpers import fitted_rate
 

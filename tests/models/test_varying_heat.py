@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.simulation.assembly import shared, survey
-from farhorizon.simulation.stiffening import largest_rate
+from farhorizon.simulation.setup.stiffening import largest_rate
 from farhorizon.studies.compare import compare
 from helpers import RULES, dense_operator, fitted_rate
 from threads_as_processes import on_threads

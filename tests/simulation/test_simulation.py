@@ -8,7 +8,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.engine.state import as_before
-from farhorizon.simulation.layered_sides import memory_needed
+from farhorizon.simulation.sides.layered_sides import memory_needed
 
 LATTICE = fh.Lattice(0.25, (-3, -3), (3, 3))
 KERNEL = fh.Kernel(0.75)

@@ -64,9 +64,9 @@ class LatticePML(Side):
     target : float, optional
         Desired error, for waves relative to the largest value, for diffusion relative to the largest value at the same
         time; 1e-5, for elastic solids 1e-4, unless given. The layer is the thinnest with which trial runs of the set-up
-        keep the target (`farhorizon.simulation.trials`). It is chosen when the length of the run is known: by `run` and
-        `check`, or where `until` is given. A target that no layer of up to 60 nodes keeps is refused, with the smallest
-        one that can be had; without a target the best layer is taken then, with a warning.
+        keep the target (`farhorizon.simulation.sides.trials`). It is chosen when the length of the run is known: by
+        `run` and `check`, or where `until` is given. A target that no layer of up to 60 nodes keeps is refused, with
+        the smallest one that can be had; without a target the best layer is taken then, with a warning.
     nodes : int, optional
         Fixes the thickness in nodes. If a target is given as well, a trial run shows whether these nodes meet it; a
         target of 1e-5 or more allows dampers to replace the filter in layers of up to 12 nodes for scalar fields in 3D,

@@ -26,13 +26,13 @@ from farhorizon.case.units import Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
-from farhorizon.simulation.nodal_stress import fields_of
-from farhorizon.simulation.quantities import QUANTITIES
-from farhorizon.simulation.recorder import Observer
-from farhorizon.simulation.setup import check_names
-from farhorizon.simulation.steady_state import STATIC
-from farhorizon.simulation.steps import WholeSteps, whole_steps
-from farhorizon.simulation.subdomain import checked_topology
+from farhorizon.simulation.processes.subdomain import checked_topology
+from farhorizon.simulation.recorders.nodal_stress import fields_of
+from farhorizon.simulation.recorders.quantities import QUANTITIES
+from farhorizon.simulation.recorders.recorder import Observer
+from farhorizon.simulation.setup.setup import check_names
+from farhorizon.simulation.time.steady_state import STATIC
+from farhorizon.simulation.time.steps import WholeSteps, whole_steps
 
 _OUTPUTS = 40  # outputs of a run if `every` is not given
 _MOST_OUTPUTS = 1e6  # each takes milliseconds

@@ -12,8 +12,8 @@ from farhorizon.case.reading import Reader
 from farhorizon.case.schema import Part, key_of
 from farhorizon.errors import InputError, suggestion
 from farhorizon.geometry.lattice import AXES
-from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.setup import keys
+from farhorizon.simulation.recorders.recorder import Observer, Recorder
+from farhorizon.simulation.setup.setup import keys
 
 
 def setup_of(

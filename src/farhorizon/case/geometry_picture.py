@@ -10,8 +10,8 @@ import numpy as np
 from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
 from farhorizon.pictures.words import axis_label
-from farhorizon.simulation.regions import uneven
 from farhorizon.simulation.run import Run
+from farhorizon.simulation.setup.regions import uneven
 
 
 def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:

@@ -61,7 +61,7 @@ from farhorizon.inputs.signals import Signal
 from farhorizon.medium.materials import Fluid
 from farhorizon.medium.materials import named as named_materials
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.recorder import Recorder
+from farhorizon.simulation.recorders.recorder import Recorder
 
 
 class Option(NamedTuple):

@@ -79,7 +79,7 @@ class Examined(Timed, Protocol):
         Squared speed or diffusivity of the medium at each side.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
-    recorders : list of farhorizon.simulation.recorder.Recorder
+    recorders : list of farhorizon.simulation.recorders.recorder.Recorder
     """
 
     given: dict[str, Any]

@@ -15,7 +15,7 @@ def check_command(options: argparse.Namespace) -> int:
     from farhorizon.engine.rows.notice import compile_seconds
     from farhorizon.errors import ValidityWarning
     from farhorizon.pictures.style import counted_in
-    from farhorizon.simulation.regions import regions_of
+    from farhorizon.simulation.setup.regions import regions_of
 
     begin = time.perf_counter() - compile_seconds()  # compiled earlier in this process
     if options.out:

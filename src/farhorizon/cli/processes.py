@@ -11,7 +11,7 @@ from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_st
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from farhorizon.simulation.process_group import ProcessGroup
+    from farhorizon.simulation.processes.process_group import ProcessGroup
 
 #: Environment variables in which launchers tell each process how many there are, and its number.
 _COUNTS = "PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE", "SLURM_STEP_NUM_TASKS"
@@ -93,7 +93,7 @@ def communicator() -> Any:
 
 def all_processes() -> ProcessGroup:
     """Return the team of all processes that were started together; raises as `communicator` does."""
-    from farhorizon.simulation.process_group import ProcessGroup
+    from farhorizon.simulation.processes.process_group import ProcessGroup
 
     return ProcessGroup(communicator())
 

@@ -31,7 +31,7 @@ def run_command(options: argparse.Namespace) -> int:
     import numpy as np
 
     from farhorizon.errors import InputError
-    from farhorizon.simulation.checkpoint_files import remove_checkpoint
+    from farhorizon.simulation.time.checkpoint_files import remove_checkpoint
 
     options.team = team = all_processes()
     with team.agreed():
@@ -139,7 +139,7 @@ def _tell(
     from farhorizon.machine import available_memory
     from farhorizon.pictures.result_pictures import plot_results
     from farhorizon.pictures.views import View
-    from farhorizon.simulation.setup import wanted_threads
+    from farhorizon.simulation.setup.setup import wanted_threads
 
     results = open_results(files.result, verify=False)
     for caution in results.cautions:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from farhorizon.cli.common import GOOD, INTERRUPTED
 
 if TYPE_CHECKING:
-    from farhorizon.simulation.output import RunResults
+    from farhorizon.simulation.time.output import RunResults
 
 CHECKPOINT_SECONDS = 30.0
 _FREE = {"run", "output"}  # tables of a case that may change in an interrupted run
@@ -110,7 +110,7 @@ def _to_rest(options: argparse.Namespace, case: Any) -> bool:
 
 def _taken_up(case: Any, sim: Any, files: RunFiles) -> RunResults:
     """The results of an interrupted run as they were at its checkpoint; the simulation is set to the checkpoint."""
-    from farhorizon.simulation.output import RunResults
+    from farhorizon.simulation.time.output import RunResults
 
     with sim.team.agreed():
         _check_unchanged(case, files.result)
@@ -143,8 +143,8 @@ def _check_unchanged(case: Any, path: Path) -> None:
 def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:
     """Empty results, replacing existing ones."""
     from farhorizon.files.results_writer import check_replaceable
-    from farhorizon.simulation.checkpoint_files import remove_checkpoint
-    from farhorizon.simulation.output import RunResults
+    from farhorizon.simulation.time.checkpoint_files import remove_checkpoint
+    from farhorizon.simulation.time.output import RunResults
 
     def make_room() -> None:
         check_replaceable(files.result)

@@ -17,10 +17,10 @@ import numpy as np
 
 from farhorizon.boundaries import Fixed
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.simulation.recorder import Recorder
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.recorders.recorder import Recorder
+from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
-from farhorizon.simulation.source_table import Batch, SourceTable
+from farhorizon.simulation.time.source_table import Batch, SourceTable
 
 
 class Residuals:

@@ -17,9 +17,9 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.of_field import OfField
-from farhorizon.simulation.setup import Setup, keys, side_name
+from farhorizon.simulation.setup.setup import Setup, keys, side_name
 from farhorizon.simulation.simulation import Simulation
-from farhorizon.simulation.source_terms import given, split_source_terms
+from farhorizon.simulation.time.source_terms import given, split_source_terms
 
 _SOURCE = re.compile(r"source(\[\d+\])?")
 _INITIAL = ("u", "v")

@@ -17,13 +17,13 @@ from farhorizon.inverse.medium import Medium
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.patch import Patch
 from farhorizon.machine import available_memory
-from farhorizon.simulation.outer_loop import checked_end
-from farhorizon.simulation.receivers import Receivers
-from farhorizon.simulation.recorder import StepValues
-from farhorizon.simulation.recording import Recording
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.recorders.receivers import Receivers
+from farhorizon.simulation.recorders.recorder import StepValues
+from farhorizon.simulation.recorders.recording import Recording
+from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
-from farhorizon.simulation.steps import last_step
+from farhorizon.simulation.time.outer_loop import checked_end
+from farhorizon.simulation.time.steps import last_step
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from farhorizon.files.records import Recorded
 from farhorizon.inverse.patch import Patch
 from farhorizon.inverse.schedule import pieces_backward, repeats, states_ahead
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorder import Arrays, Recorder, RecordRequest, StepValues
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordRequest, StepValues
+from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
 

@@ -15,8 +15,8 @@ from farhorizon.inverse.gradient import gradient, residuals_of
 from farhorizon.inverse.history import PatchRecorder, advance
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.inverse.patch import Patch
-from farhorizon.simulation.recorder import StepValues
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.recorders.recorder import StepValues
+from farhorizon.simulation.setup.setup import Setup
 
 _DARK = 1e-3  # of the mean illumination: where less was seen, an image is not made brighter any more
 _CONDITIONS = ("reflectors", "sources")

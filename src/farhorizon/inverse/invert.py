@@ -24,9 +24,9 @@ from farhorizon.inverse.medium import constants_at_nodes, rule_of
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.smoothing import Smoothing, roughness
 from farhorizon.machine import progress as progress_line
-from farhorizon.simulation.outer_loop import checked_end
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.simulation.time.outer_loop import checked_end
 
 _SMALL = 0.01  # differences between neighbours, relative to a map's mean, that a total variation counts as none
 _DARK = 1e-3  # of the mean illumination: nodes that have seen less are not moved more

@@ -14,8 +14,8 @@ from farhorizon.inverse.patch import Patch
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.reference_medium import constants_of
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.setup.reference_medium import constants_of
+from farhorizon.simulation.setup.setup import Setup
 
 _STEP = 1e-20  # of the complex-step derivative, relative to a value: no difference is taken, so nothing cancels
 

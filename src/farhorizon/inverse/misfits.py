@@ -11,7 +11,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.simulation.receivers import Receivers
+from farhorizon.simulation.recorders.receivers import Receivers
 
 #: Quantities whose misfit has a gradient: the field, and its rate half a step before.
 RECORDS = ("u", "v")

@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.cracks import cut_bonds
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.setup.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,7 +148,7 @@ class Elastic(LatticeModel):
         "speed": "young and poisson, as of a solid of fh.materials; a fluid is a Wave of its pressure: "
         "fh.Wave(kernel, **fh.materials.water.constants)"
     }
-    energy_factor: float | None = None  # see `farhorizon.simulation.running_cracks.energy_factor`
+    energy_factor: float | None = None  # see `farhorizon.simulation.recorders.running_cracks.energy_factor`
     quantity, field_unit = "displacement", "m"
     target = 1e-4  # a tenth of it doubles the number of nodes, because of strong backward waves
 
@@ -335,7 +335,7 @@ class Elastic(LatticeModel):
         For a bond-based material, the energy of the bonds across a plane, averaged over its directions
         (`medium.fracture.fracture_energy`), equals the fracture energy. That of a crack along an axis of the lattice
         differs from it, because the lattice is not a continuum. For the other materials it is the energy spent by a
-        running crack (`farhorizon.simulation.running_cracks`), which a simulation computes when it is set up.
+        running crack (`farhorizon.simulation.recorders.running_cracks`), which a simulation computes when it is set up.
 
         Parameters
         ----------

@@ -18,21 +18,32 @@ from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
-from farhorizon.simulation.breaking import Breaking
-from farhorizon.simulation.cuts import CutBonds
-from farhorizon.simulation.extension import Emitters, extend
-from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
-from farhorizon.simulation.laws import of_field
-from farhorizon.simulation.layered_sides import LayeredSides, by_target, check_memory
-from farhorizon.simulation.layers import undesigned, with_one_filter
-from farhorizon.simulation.near_field import NearField, extremes_of, near_field
-from farhorizon.simulation.of_field import field_source_terms
-from farhorizon.simulation.outline_condition import exact_ends_of, outline_condition
-from farhorizon.simulation.process_group import ALONE, ProcessGroup
-from farhorizon.simulation.reference_medium import node_factor, reference_and_variation, varied
-from farhorizon.simulation.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
-from farhorizon.simulation.source_terms import (
+from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.heat.thermoelastic_sides import heat_front, thermoelastic_margins, thermoelastic_sides
+from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.processes.subdomain import Subdomain, check_choosable, check_divisible, subdomain_of
+from farhorizon.simulation.setup.cuts import CutBonds
+from farhorizon.simulation.setup.grid import Grid, choose_margins, make_grid, states_of
+from farhorizon.simulation.setup.laws import of_field
+from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_field
+from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
+from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
+from farhorizon.simulation.setup.validation import (
+    check_entrances,
+    check_model,
+    check_repeats,
+    check_stencil,
+    check_variation,
+)
+from farhorizon.simulation.sides.extension import Emitters, extend
+from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory
+from farhorizon.simulation.sides.layers import undesigned, with_one_filter
+from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
+from farhorizon.simulation.sides.surfaces import check_conditions, hold_and_damp
+from farhorizon.simulation.time.breaking import Breaking
+from farhorizon.simulation.time.of_field import field_source_terms
+from farhorizon.simulation.time.source_terms import (
     Arriving,
     SourceTerm,
     SourceTerms,
@@ -44,12 +55,7 @@ from farhorizon.simulation.source_terms import (
     signals,
     split_source_terms,
 )
-from farhorizon.simulation.start import Start, check_range, drifting, own_step, start_of
-from farhorizon.simulation.stiffening import least_stiffening, stiffening
-from farhorizon.simulation.subdomain import Subdomain, check_choosable, check_divisible, subdomain_of
-from farhorizon.simulation.surfaces import check_conditions, hold_and_damp
-from farhorizon.simulation.thermoelastic_sides import heat_front, thermoelastic_margins, thermoelastic_sides
-from farhorizon.simulation.validation import check_entrances, check_model, check_repeats, check_stencil, check_variation
+from farhorizon.simulation.time.start import Start, check_range, drifting, own_step, start_of
 
 T = TypeVar("T")
 

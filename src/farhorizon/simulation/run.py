@@ -18,24 +18,24 @@ from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.examination import Examination
-from farhorizon.simulation.nodal_stress import shown_fields
-from farhorizon.simulation.outer_loop import check_ahead, checked_end, run_to_step, warn_once
-from farhorizon.simulation.outlines import outlines_of
-from farhorizon.simulation.output import RunResults, written
 from farhorizon.simulation.pickling import packed
-from farhorizon.simulation.probes import Probes
-from farhorizon.simulation.process_group import ALONE, ProcessGroup
-from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.resume import stored
-from farhorizon.simulation.steady_state import SteadyState, SteadyStateQuantities, steady_state_criterion
-from farhorizon.simulation.steps import last_step, steps_between
+from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.recorders.nodal_stress import shown_fields
+from farhorizon.simulation.recorders.probes import Probes
+from farhorizon.simulation.recorders.recorder import Observer, Recorder
+from farhorizon.simulation.time.outer_loop import check_ahead, checked_end, run_to_step, warn_once
+from farhorizon.simulation.time.outlines import outlines_of
+from farhorizon.simulation.time.output import RunResults, written
+from farhorizon.simulation.time.resume import stored
+from farhorizon.simulation.time.steady_state import SteadyState, SteadyStateQuantities, steady_state_criterion
+from farhorizon.simulation.time.steps import last_step, steps_between
 
 if TYPE_CHECKING:
     import xarray
 
     from farhorizon.checks.report import Report
     from farhorizon.pictures.movie import Film
-    from farhorizon.simulation.far_field import FarField
+    from farhorizon.simulation.recorders.far_field import FarField
 
 _GUARD_STEPS = 200  # largest number of steps between two checks of the instability guard; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt takes effect within seconds
@@ -147,7 +147,7 @@ class Run(ABC):
         ----------
         until : float or "static"
             The run stops at the first step at or after this time; `time` gives the actual end. "static": the run stops
-            when the waves have left, see `farhorizon.simulation.steady_state.SteadyState`.
+            when the waves have left, see `farhorizon.simulation.time.steady_state.SteadyState`.
         every : float, optional
             Must be a whole number of steps: create the run with ``dt=WholeSteps(every=...)`` to ensure this.
         progress : bool, optional
@@ -272,7 +272,7 @@ class Run(ABC):
         >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), initial=pulse, observe=[fh.FarField()])
         >>> times, u = sim.run(until=30.0).far_field().at([(20.0, 0.0)])
         """
-        from farhorizon.simulation.far_field import FarField
+        from farhorizon.simulation.recorders.far_field import FarField
 
         found = {one.name: one for one in self.recorders if isinstance(one, FarField)}
         if not found:

@@ -26,29 +26,29 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.machine import uninterrupted
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, assemble_subdomain
-from farhorizon.simulation.checkpoint_files import read_state, write_state
-from farhorizon.simulation.energies import present
-from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
-from farhorizon.simulation.guard import likely_cause, refuse_explosion
-from farhorizon.simulation.halo_volume import rows_on_processes
-from farhorizon.simulation.laws import of_field
-from farhorizon.simulation.layer_choice import default_length
-from farhorizon.simulation.modified_setups import remade_setup, shortened_setup
-from farhorizon.simulation.outer_loop import MOST_STEPS, advance_clock, checked_end, warn, warn_once
-from farhorizon.simulation.overstretch import look_at
-from farhorizon.simulation.process_group import ProcessGroup
-from farhorizon.simulation.recorder import Observer
-from farhorizon.simulation.recording import Recording
+from farhorizon.simulation.processes.halo_volume import rows_on_processes
+from farhorizon.simulation.processes.process_group import ProcessGroup
+from farhorizon.simulation.processes.subdomain import Subdomain, check_given
+from farhorizon.simulation.recorders.flux import flux_tables, nodal_flux, plane, power_across
+from farhorizon.simulation.recorders.recorder import Observer
+from farhorizon.simulation.recorders.recording import Recording
+from farhorizon.simulation.recorders.running_cracks import with_energy_factor
 from farhorizon.simulation.run import Run
-from farhorizon.simulation.running_cracks import with_energy_factor
-from farhorizon.simulation.setup import Key, Setup, side_name
-from farhorizon.simulation.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
-from farhorizon.simulation.source_terms import incident_wave_notes, signals
-from farhorizon.simulation.steady_state import progress_of, take_progress
-from farhorizon.simulation.steps import last_step, seconds_of
-from farhorizon.simulation.subdomain import Subdomain, check_given
-from farhorizon.simulation.thin_bodies import thin_note
-from farhorizon.simulation.time_loop import TimeLoop
+from farhorizon.simulation.setup.laws import of_field
+from farhorizon.simulation.setup.modified_setups import remade_setup, shortened_setup
+from farhorizon.simulation.setup.overstretch import look_at
+from farhorizon.simulation.setup.setup import Key, Setup, side_name
+from farhorizon.simulation.setup.thin_bodies import thin_note
+from farhorizon.simulation.sides.layer_choice import default_length
+from farhorizon.simulation.sides.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
+from farhorizon.simulation.time.checkpoint_files import read_state, write_state
+from farhorizon.simulation.time.energies import present
+from farhorizon.simulation.time.guard import likely_cause, refuse_explosion
+from farhorizon.simulation.time.outer_loop import MOST_STEPS, advance_clock, checked_end, warn, warn_once
+from farhorizon.simulation.time.source_terms import incident_wave_notes, signals
+from farhorizon.simulation.time.steady_state import progress_of, take_progress
+from farhorizon.simulation.time.steps import last_step, seconds_of
+from farhorizon.simulation.time.time_loop import TimeLoop
 
 
 class Simulation(Run):
@@ -409,7 +409,8 @@ class Simulation(Run):
         """Heat flux (or flux of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
 
         One-sided sums over the bonds ahead of a node, or over those behind it where some ahead are missing, exact for a
-        linear field; nan where the remaining bonds do not determine the flux. See `farhorizon.simulation.flux`.
+        linear field; nan where the remaining bonds do not determine the flux. See
+        `farhorizon.simulation.recorders.flux`.
 
         Returns
         -------
@@ -497,7 +498,7 @@ class Simulation(Run):
         return self.parts.exterior.targets
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
-        """How far the medium must be computed beyond some sides; see `farhorizon.simulation.extension`."""
+        """How far the medium must be computed beyond some sides; see `farhorizon.simulation.sides.extension`."""
         return self.parts.emitters.extents_for(wanted, until)
 
     def remade(self, **changes: Any) -> Simulation:

@@ -21,10 +21,10 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source, widened
 from farhorizon.machine import progress
-from farhorizon.simulation.reference_medium import constants_of
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.setup.reference_medium import constants_of
+from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
-from farhorizon.simulation.source_terms import ends_of
+from farhorizon.simulation.time.source_terms import ends_of
 
 _KERNEL = 1e7  # steps times squared reach for which the kernel of an exact end takes half a minute to compute
 

@@ -17,7 +17,7 @@ from farhorizon.boundaries import Free, LatticePML, Side
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
-from farhorizon.simulation.crack_tips import CrackTips
+from farhorizon.simulation.recorders.crack_tips import CrackTips
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation

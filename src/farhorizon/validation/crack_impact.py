@@ -47,8 +47,8 @@ from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
-from farhorizon.simulation.intensities import StressIntensity
-from farhorizon.simulation.running_cracks import rayleigh_speed
+from farhorizon.simulation.recorders.intensities import StressIntensity
+from farhorizon.simulation.recorders.running_cracks import rayleigh_speed
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation

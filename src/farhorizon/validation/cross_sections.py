@@ -30,7 +30,7 @@ from farhorizon.inputs.plane_waves import IncidentWave
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic, Wave
-from farhorizon.simulation.far_field import FarField
+from farhorizon.simulation.recorders.far_field import FarField
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation

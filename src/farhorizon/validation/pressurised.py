@@ -24,7 +24,7 @@ from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.signals import Step
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
-from farhorizon.simulation.intensities import StressIntensity
+from farhorizon.simulation.recorders.intensities import StressIntensity
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.penny import draw_profile

@@ -38,7 +38,7 @@ from farhorizon.inputs.signals import Step
 from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
-from farhorizon.simulation.receivers import Receivers
+from farhorizon.simulation.recorders.receivers import Receivers
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation

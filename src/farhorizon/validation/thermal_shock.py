@@ -29,7 +29,7 @@ from farhorizon.inputs.conditions import Temperature
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Diffusion, Elastic, Heat, Thermoelastic
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation

@@ -1,0 +1,1 @@
+"""A temperature beside a solid, and metal beside liquid."""

@@ -1,0 +1,359 @@
+"""Checks of the box of a far field: what must lie inside it and what must not touch it; the medium around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.references.driven import Scheme
+from farhorizon.errors import InputError, shown
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Box
+from farhorizon.inputs.cracks import cut_ends
+from farhorizon.inputs.incidence import Incident
+from farhorizon.medium.shell import Shell
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.recorders.recorder import size_of_record
+from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.setup.setup import Setup, side_name
+from farhorizon.simulation.time.source_terms import scheme_of
+
+_TIMES = 33  # times at which sources that do not split into space and time are sampled
+_LARGE = 2**28  # size of a history in bytes above which there is a note
+LEFT = 1e-3  # share of the largest field on the shell that remains at the end above which there is a note
+_FAST = 1e-6  # error by aliasing, over the largest sum, above which there is a note if it exceeds what remains
+_TINY = float(np.finfo(float).tiny)
+_ROUNDING = float(np.finfo(float).eps)
+
+
+def medium_outside(parts: Parts) -> Scheme:
+    """Return the uniform medium around a run, and its time integration.
+
+    Raises
+    ------
+    InputError
+        The medium ends at some side or is not linear, or the field is neither a scalar nor a vector.
+    """
+    near = parts.whole.near
+    ends = [side_name(*key) for key, side in parts.whole.sides.items() if not side.endless]
+    if ends:
+        raise InputError(
+            "the far field is that of a medium without end: echoes of walls, free and periodic sides are not included",
+            value=", ".join(ends),
+            limit="sides beyond which the medium continues",
+            key="far_field",
+            remedy="LatticePML there; or, where the medium does end, Receivers in a larger near field",
+        )
+    if near.stencil.components not in (1, near.lattice.dim):
+        raise InputError(
+            "the far field is that of scalars and of vectors",
+            value=f"{near.stencil.components} components",
+            limit=f"1 or {near.lattice.dim}",
+            key="far_field",
+            remedy="Receivers in a larger near field",
+        )
+    law = near.model.bond_law
+    if law is not None and law.nonlinear:
+        raise InputError(
+            "the far field is that of a linear medium",
+            value="nonlinear = true",
+            limit="nonlinear = false",
+            key="far_field",
+            remedy="linear bonds, which may break inside the box",
+        )
+    factor = parts.near.factor
+    return scheme_of(near, 1.0 if factor is None else float(parts.at(factor, np.zeros(1, int))[0]))
+
+
+def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and last indices of the nodes in a box, or in the widest possible one if none is given.
+
+    Raises
+    ------
+    InputError
+        The box has another dimension, is nearer to a side of the near field than one reach, or is so small that nothing
+        lies one reach inside its faces.
+    """
+    more, spacing = np.array(reach), lattice.spacing
+    first, last = more, np.array(lattice.shape) - 1 - more
+    limits = f"{shown(lattice.lower + spacing * first)} to {shown(lattice.lower + spacing * last)}"
+    if box is not None:
+        if box.dim != lattice.dim:
+            raise InputError(
+                "the box of a far field and the lattice differ in dimension",
+                value=box.dim,
+                limit=lattice.dim,
+                key="far_field.box",
+                remedy="a box with one entry per axis of the lattice in each corner",
+            )
+        lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
+        if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
+            raise InputError(
+                "the box of a far field must leave one reach of the near field on each side",
+                value=f"{shown(box.lower)} to {shown(box.upper)}",
+                limit=limits,
+                key="far_field.box",
+                remedy="a smaller box, or a larger near field",
+            )
+        first, last = np.ceil(lower - 1e-6).astype(int), np.floor(upper + 1e-6).astype(int)
+    if (last - first < 2 * more).any():
+        raise InputError(
+            "the box of a far field is so small that nothing lies one reach inside its faces",
+            value=f"sides of {shown(spacing * np.maximum(last - first, 0))}",
+            limit=f"at least {shown(2 * spacing * more)}",
+            key="far_field.box",
+            remedy="a larger box in a larger near field",
+        )
+    return first, last
+
+
+def check_window(parts: Parts, nodes: np.ndarray, box: Box) -> None:
+    """Raise InputError if nodes (flat indices) of the shell of a box have no values, as outside a window."""
+    if parts.hides(nodes).any():
+        raise InputError(
+            "the box of a far field reaches to the edge of the window",
+            value=f"{shown(box.lower)} to {shown(box.upper)}",
+            limit="inside the window by one reach",
+            key="far_field.box",
+            remedy="a smaller box, or a larger window",
+        )
+
+
+def steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
+    """Return the number of steps from one sample of a spectrum to the next: the largest for which no frequency that the
+    lattice carries, up to that of Verlet's method for the largest rate, is an alias of those of the spectrum.
+    """
+    if not frequencies.size:
+        return 1
+    highest = np.arcsin(min(1.0, near.dt * float(np.sqrt(near.rate_limit)) / 2)) / (np.pi * near.dt)
+    return max(1, int(np.ceil(1 / (near.dt * (highest + float(frequencies.max()))))) - 1)
+
+
+def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:
+    """Refuse what must not lie outside a box; returns notes on values there that are smaller than the sides' targets.
+
+    Parameters
+    ----------
+    setup : Setup
+    parts : Parts
+    box : Box
+        Its corners are nodes.
+    reach : ndarray, shape (dim,)
+        Reach of a step along each axis.
+
+    Raises
+    ------
+    InputError
+        Cracks, holes, other materials, conditions, metal, initial data or sources outside the box or too near to its
+        faces.
+    """
+    _check_medium(setup, parts, box, reach)
+    for one in parts.incident:
+        _check_incident(one.wave, box, reach)
+    values = [("initial.u", parts.start.u), ("initial.v", parts.start.v)]
+    values += [("source", space) for space, _ in parts.source_terms.sources if space is not None]
+    outside = ~_core(parts, box, reach)
+    return [note for key, one in values for note in _missed(parts, np.abs(one), outside, key)]
+
+
+def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tuple[np.ndarray, list[str]]:
+    """Return the indices of the nodes nearest to points, also beyond the lattice, and notes on points that are not
+    nodes.
+
+    Raises
+    ------
+    InputError
+        Points in the box, or so far away that their nodes cannot be counted.
+    """
+    given = kinds.array(points, "far_field.points")
+    if given.ndim < 2 and lattice.dim == 1:
+        given = given.reshape(-1, 1)
+    given = kinds.array(np.atleast_2d(given), "far_field.points", shape=(None, lattice.dim))
+    place = (given - lattice.lower) / lattice.spacing
+    if not len(given) or np.abs(place).max() > kinds.MOST_WHOLE:
+        raise InputError(
+            "receivers are one or more points at distances that can be computed",
+            value=given,
+            limit=f"{kinds.MOST_WHOLE} nodes away",
+            key="far_field.points",
+            remedy="the pattern, for what is so far away",
+        )
+    nodes = np.round(place).astype(int)
+    inside = shell.contains(nodes)
+    if inside.any():
+        raise InputError(
+            "a receiver of the far field lies inside the box",
+            value=given[int(np.argmax(inside))],
+            limit=f"outside {shown(box.lower)} to {shown(box.upper)}",
+            key="far_field.points",
+            remedy="Receivers there, or a smaller box",
+        )
+    apart = np.abs(place - nodes).max(1) > 1e-6
+    found = lattice.lower + lattice.spacing * nodes
+    return nodes, [
+        f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
+        for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True)
+    ]
+
+
+def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> list[str]:
+    """Check sources that do not split into space and time as `check_outside` does, at equidistant times of a run."""
+    outside, notes = ~_core(parts, box, reach), []
+    for space, source in parts.source_terms.sources:
+        if space is None:
+            values = [np.broadcast_to(np.abs(source(t)), parts.near.field_shape) for t in np.linspace(0, until, _TIMES)]
+            notes += _missed(parts, np.max(values, axis=0), outside, "source")
+    return notes
+
+
+def check_kept(history: bool, remedy: str) -> None:
+    """Raise InputError unless the history of the shell is kept."""
+    if not history:
+        raise InputError(
+            "receivers of the far field need the values on the shell at all steps",
+            value="history = false",
+            limit="history = true",
+            key="far_field.history",
+            remedy=remedy,
+        )
+
+
+def check_history(need: int, nodes: int, steps: int) -> list[str]:
+    """Return notes on a history of `need` bytes.
+
+    Raises
+    ------
+    InputError
+        It does not fit into memory.
+    """
+    remedy = "a smaller box, a shorter run, or history = false with frequencies"
+    size = size_of_record(need, nodes, steps, "far_field.history", remedy)
+    return [f"the far field keeps the history of its shell: {size}"] if need > _LARGE else []
+
+
+def spectral_notes(last: float, largest: float, missed: float) -> list[str]:
+    """Return why the spectra of a far field may be doubtful: the field that remains on the shell at the end, or the
+    aliasing error of the samples.
+    """
+    if last > LEFT * largest:
+        return [
+            "spectra of the far field leave out what has not left the box by the end of the run: on its shell "
+            f"{last / largest:.2g} of the largest value remains"
+        ]
+    if missed > max(_FAST, last / max(largest, _TINY)):
+        return [
+            "spectra of the far field mistake something on the box that is faster than all waves of the lattice for "
+            f"something slower, some {missed:.2g} of the largest: sources that are smooth in time, or farther from "
+            "the faces of the box, emit less of it"
+        ]
+    return []
+
+
+def is_around(box: Box, wave: Incident) -> bool:
+    """Whether a box lies around that of an incident wave, and not inside it."""
+    assert wave.within is not None
+    return bool((box.lower <= wave.within.lower).all())
+
+
+def _inner(lattice: Lattice, box: Box, more: np.ndarray) -> np.ndarray:
+    """Return the nodes of the lattice inside a box that is shrunk by some lengths on each side, as a mask."""
+    found = np.ones(lattice.shape, bool)
+    for along in np.meshgrid(*_between(lattice, box, more), indexing="ij", sparse=True):
+        found = found & along
+    return found
+
+
+def _between(lattice: Lattice, box: Box, more: np.ndarray) -> list[np.ndarray]:
+    """Return the nodes along each axis that lie inside the box shrunk likewise, as masks."""
+    close = 1e-6 * lattice.spacing
+    bounds = zip(lattice.axes, box.lower + more - close, box.upper - more + close, strict=True)
+    return [(axis > low) & (axis < high) for axis, low, high in bounds]
+
+
+def _less(parts: Parts, reach: np.ndarray) -> np.ndarray:
+    """Return the distance between the box and its core, by which the reach of a step of several stages exceeds that of
+    the stencil.
+    """
+    return np.asarray(reach - parts.near.lattice.spacing * np.array(parts.near.stencil.reach))
+
+
+def _core(parts: Parts, box: Box, reach: np.ndarray) -> np.ndarray:
+    """Return the nodes of the core of the box in this part of the lattice, as a mask."""
+    return _inner(parts.near.lattice, box, _less(parts, reach))
+
+
+def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> None:
+    """Refuse cracks, holes, other materials, conditions and metal that affect bonds through a face or outside."""
+    near, lattice, whole = parts.near, parts.near.lattice, parts.whole.near.lattice
+    limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
+    core, deep = _core(parts, box, reach), _inner(lattice, box, reach)
+    along = _between(whole, box, _less(parts, reach))
+    for crack in setup.cracks:
+        ends = cut_ends(crack.cut, whole, near.stencil.offsets)
+        seen = ((ends >= 0) & (ends < whole.shape)).all(1)
+        if not (seen.all() and all(one[at].all() for one, at in zip(along, ends.T, strict=True))):
+            raise InputError(
+                "the box of a far field cuts a crack, or lies within one reach of it",
+                value=[np.asarray(bound).tolist() for bound in crack.cut.bounds()],
+                limit=limit,
+                key="far_field.box",
+                remedy="a larger box, or a shorter crack",
+            )
+    material = near.material
+    corner = parts.whole.team.first(material.flat[0])
+    for wrong, message in (
+        (~deep & ~(material == corner), "cuts a hole, the rim of a body or another material"),
+        (~core & near.conditioned, "leaves out nodes that a condition holds"),
+        (~deep & parts.start.solid, "cuts metal"),
+    ):
+        if wrong.any():
+            raise InputError(
+                f"the box of a far field {message}",
+                value=f"at {shown(_place(lattice, wrong))}",
+                limit=limit,
+                key="far_field.box",
+                remedy="a larger box, or a larger near field",
+            )
+
+
+def _place(lattice: Lattice, where: np.ndarray) -> np.ndarray:
+    """Return the coordinates of the first node of a mask."""
+    return np.asarray(lattice.lower + lattice.spacing * np.argwhere(where)[0])
+
+
+def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
+    """Raise InputError if values outside the box exceed the sides' target; return a note on smaller ones."""
+    beyond = sizes.reshape(-1, *outside.shape).max(0)
+    own, team, model = float(beyond[outside].max(initial=0)), parts.whole.team, parts.near.model
+    peak, missed = team.largest(float(beyond.max(initial=0))), team.largest(own)
+    target = min(side.wanted(model.target) for side in parts.whole.sides.values())
+    if own > target * peak:
+        raise InputError(
+            "not zero outside the box of a far field, which would miss it",
+            value=f"{own:.3g} at {shown(_place(parts.near.lattice, outside & (beyond == own)))}",
+            limit=f"{target * peak:.3g} ({target:g} of the largest)",
+            key=key,
+            remedy="a larger box, or narrower data",
+        )
+    faint = missed <= _ROUNDING * peak
+    return [] if faint else [f"{key}: {missed / peak:.2g} of the largest value lies outside the box of the far field"]
+
+
+def _check_incident(wave: Incident, box: Box, reach: np.ndarray) -> None:
+    """Refuse a box that holds some, but not all, of the nodes at which an incident wave joins the scattered field."""
+    assert wave.within is not None
+    slack, low, high = 1e-6 * reach, wave.within.lower, wave.within.upper
+    around = (box.lower <= low - reach + slack) & (box.upper >= high + reach - slack)
+    inside = (box.lower >= low + 2 * reach - slack) & (box.upper <= high - 2 * reach + slack)
+    if not (around.all() or inside.all()):
+        raise InputError(
+            "the box of a far field meets the box of an incident wave",
+            value=f"{shown(box.lower)} to {shown(box.upper)}",
+            limit=f"around {shown(low - reach)} to {shown(high + reach)}, or inside {shown(low + 2 * reach)} to "
+            f"{shown(high - 2 * reach)}",
+            key="far_field.box",
+            remedy="leave it out: the widest box serves",
+        )

@@ -1,0 +1,395 @@
+r"""Energy that cracks spend per new area, measured on a crack that follows a pair of forces.
+
+Two opposite forces P that move along the faces of a crack at a speed V hold its tip at the distance d ahead of them at
+which :math:`K_I = P\sqrt{2/\pi d}` is what the tip requires at that speed: closer to them K increases and the tip runs
+ahead, farther away it decreases. The crack therefore runs straight and, once it has settled, as fast as the forces
+(Freund, 1990, Dynamic Fracture Mechanics: the stress ahead of a steady tip under forces that move with it does not
+depend on the speed). The medium has no edges and returns no echo. In 3D it is a slab of one node between periodic
+sides, in plane strain, with a straight, infinite front that all bonds in space cross.
+
+Because forces are linear, the energy is proportional to the square of the critical stretch. Divided by Young's modulus
+and the horizon, it is a number that depends only on the kernel, the horizon in spacings and Poisson's ratio; it is
+computed once and stored. In 2D it is the mean of two cracks, one along an axis of the lattice and one at an angle to
+it; in 3D that of one along an axis.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from farhorizon.analysis.fracture.interaction import InteractionDomain
+from farhorizon.analysis.fracture.near_tip import NearTip
+from farhorizon.boundaries import LatticePML, Periodic, Side, Sponge
+from farhorizon.engine import damage, release
+from farhorizon.errors import InputError
+from farhorizon.files.cache import cache_folder, keep, kept
+from farhorizon.files.storage import awaited
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Polyline, Rectangle
+from farhorizon.inputs.sources import Source
+from farhorizon.medium import force_states
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import Elastic
+from farhorizon.simulation.processes.process_group import ProcessGroup
+from farhorizon.simulation.recorders.crack_tips import CrackTips
+from farhorizon.simulation.setup.reference_medium import reference_and_variation
+from farhorizon.simulation.setup.setup import Setup
+
+#: Makes a run of a set-up, given its recorders: a `Simulation`, which is passed in because it imports this module.
+Runs = Callable[[Setup, Sequence[Any]], Any]
+_STRETCH = 0.01  # arbitrary: forces are linear in it
+SPEED = 0.3  # of Rayleigh waves: at lower speeds tips wait at each bond, at higher ones bonds off the plane break, too
+# angles of cracks to the lattice, in 2D and 3D: least is spent along an axis, most at this angle to it
+TURNS = {2: (0.0, 0.18), 3: (0.0,)}
+_TRIES, _AGREES, _MORE = 6, 0.15, 1.15  # most runs, agreement at which they end, factor on forces where no crack runs
+# in horizons: both ends of the initial crack, the distance that it runs, and the room around it; widths of the forces
+# and their distances from the plane, and from the tip at first and with the K that the energy requires; the circles
+# around the tip; the thickness of sponges
+_LEFT, _TIP, _WAY, _BESIDE, _HIGH = -20.0, -6.0, 24.0, 9.0, 10.0
+_ALONG, _ACROSS, _OFF, _FIRST, _LEAD = 2.0, 1.5, 3.0, 7.0, 5.0
+_RINGS = 2.5, 4.5
+_SPONGE = 6.0
+_SETTLED = 9.0  # horizons that a tip travels until it runs steadily
+_RISE = 10.0  # rise time of the forces, in horizons over the speed of waves in a bar
+_COARSEST, _FINEST = 2.0, {2: 12.0, 3: 5.0}  # spacings in the horizon, in 2D and 3D
+_DIGITS = 12  # of the constants on which the number depends, so that the run is the same in all units
+_MOMENTS, _ONWARD = 12, 4.0  # number of moments at which the energy flux is evaluated, over this many horizons
+
+
+def rayleigh_speed(lame: float, shear: float, density: float) -> float:
+    """Return the speed of surface waves on a half-space (Rayleigh, 1885).
+
+    Examples
+    --------
+    >>> round(rayleigh_speed(1.0, 1.0, 1.0), 4)  # Poisson's ratio 1/4
+    0.9194
+    """
+    p, s = (lame + 2 * shear) / density, shear / density
+
+    def missing(square: float) -> float:
+        return 4 * float(np.sqrt((1 - square / p) * (1 - square / s))) - (2 - square / s) ** 2
+
+    return float(np.sqrt(brentq(missing, 0.1 * s, (1 - 1e-12) * s)))
+
+
+@dataclass(frozen=True)
+class RunningCrack:
+    """A crack in the infinite plane, or in a slab of one node, that follows a pair of forces.
+
+    Attributes
+    ----------
+    sim : Simulation
+        Simulation at its end.
+    tips : CrackTips
+    ahead : ndarray, shape (2,)
+        Direction in which the forces move, in the plane across the front.
+    horizon : float
+    load : Source
+        Forces per volume.
+    thickness : float
+        Thickness of the slab; 1 in 2D.
+    """
+
+    sim: Any
+    tips: CrackTips
+    ahead: np.ndarray
+    horizon: float
+    load: Source
+    thickness: float = 1.0
+
+    @property
+    def way(self) -> np.ndarray:
+        """Distance of the foremost tip from the initial one, in the direction of the forces, shape (rows,); -inf where
+        no tip is found.
+        """
+        along = np.nan_to_num(self.tips.data["position"] @ self.ahead, nan=-np.inf)
+        return np.asarray(along.max(1) - _TIP * self.horizon)
+
+    @property
+    def steady(self) -> np.ndarray:
+        """Rows in which the tip has settled, shape (rows,)."""
+        return self.way > _SETTLED * self.horizon
+
+    @property
+    def follows(self) -> bool:
+        """Whether the tip has travelled as far as intended."""
+        return bool(self.way[-1] > 0.9 * _WAY * self.horizon)
+
+    @property
+    def spent(self) -> float:
+        """Energy of broken bonds per new area while the tip runs steadily (per length in 2D)."""
+        return float(np.polyfit(self.way[self.steady], self.tips.dissipated[self.steady], 1)[0]) / self.thickness
+
+    @property
+    def speed(self) -> float:
+        """Speed of the tip while it runs steadily."""
+        return float(np.polyfit(self.tips.times[self.steady], self.way[self.steady], 1)[0])
+
+    def flux(self) -> float:
+        """Return the energy that flows into the tip per new length in the plane, from the domain J integral: the median
+        over some moments, during which the run continues for four horizons. For a crack along an axis.
+        """
+        sim, model = self.sim, self.sim.model
+        assert isinstance(model, Elastic)
+        medium, found = NearTip(model.lame, model.shear), []
+        apart = round(_ONWARD * self.horizon / _MOMENTS / (self.speed * sim.dt))
+        for _ in range(_MOMENTS):
+            sim.step(max(1, apart - 2))
+            levels = [sim.fields["u"]]
+            for _ in range(2):  # counted in `apart`
+                sim.step()
+                levels.append(sim.fields["u"])
+            before, u, after = levels
+            velocity, acceleration = (after - before) / (2 * sim.dt), (after - 2 * u + before) / sim.dt**2
+            load = self.load.value(*sim.lattice.coordinates(), sim.time - sim.dt)
+            radii = _RINGS[0] * self.horizon, _RINGS[1] * self.horizon
+            tip = self._straightened(*radii)
+            crack = Polyline([tip + 2 * _LEFT * self.horizon * self.ahead, tip])
+            domain = InteractionDomain(sim.lattice, tip, self.ahead, radii, [crack], medium)
+            force = model.density * acceleration - load
+            held = sim.fields["damage"] < 1
+            found.append(domain.energy_release(u, velocity, model.density, force, held))
+        return float(np.median(found))  # where the crack changes rows within the circles, it is not straight
+
+    def _straightened(self, inner: float, outer: float) -> np.ndarray:
+        """Return the foremost tip, moved sideways to the line along which its crack crosses the circles."""
+        across = np.array([-self.ahead[1], self.ahead[0]])
+        far = float((self.tips.now.tips @ self.ahead).max())
+        points = np.concatenate(self.tips.now.paths)
+        behind = far - points @ self.ahead
+        return far * self.ahead + (points @ across)[(behind > inner) & (behind < outer)].mean() * across
+
+
+def crack_after_forces(
+    runs: Runs,
+    model: Elastic,
+    spacing: float,
+    energy: float,
+    speed: float = SPEED,
+    turn: float = 0.0,
+    push: float = 1.2,
+    dim: int = 2,
+) -> RunningCrack:
+    """Run a crack that follows a pair of forces.
+
+    Parameters
+    ----------
+    runs : callable
+        Makes a run of a set-up, given its recorders.
+    model : Elastic
+        With bonds that break.
+    spacing : float
+        Spacing of the lattice.
+    energy : float
+        Energy per new area that is expected, from which the forces follow.
+    speed : float
+        Speed of the forces, relative to that of Rayleigh waves.
+    turn : float
+        Angle of the crack to the lattice.
+    push : float
+        Factor on the forces that hold the tip five horizons ahead of them if it spends the expected energy.
+    dim : {2, 3}
+        The plane, or a slab of one node.
+    """
+    assert isinstance(model.kernel, Kernel)
+    size, young, density = model.kernel.horizon, model.young, model.density
+    ahead = np.array([np.cos(turn), np.sin(turn)])
+    across = np.array([-ahead[1], ahead[0]])
+    ends = _LEFT - _BESIDE, _TIP + _WAY + _BESIDE
+    corners = size * np.array([x * ahead + y * across for x in ends for y in (-_HIGH, _HIGH)])
+    # nodes at half-integer multiples of the spacing: a crack along an axis lies between two rows
+    lower, upper = (spacing * (np.floor(one / spacing) + 0.5) for one in (corners.min(0), corners.max(0)))
+    medium = NearTip(model.lame, model.shear)
+    total = push * np.sqrt(medium.stiffness * energy * np.pi * _LEAD * size / 2)
+    amplitude = total / (np.pi * _ALONG * _ACROSS * size**2)
+    moving = speed * rayleigh_speed(model.lame, model.shear, density)
+    first, rise = (_TIP - _FIRST) * size, _RISE * size / np.sqrt(young / density)
+    front = np.zeros(dim - 2)  # no force along it
+
+    def load(*at: Any) -> np.ndarray:
+        x, y, t = at[-3:]
+        s, n = ahead[0] * x + ahead[1] * y - first - moving * t, across[0] * x + across[1] * y
+        sides = [np.exp(-(((n - sign * _OFF * size) / (_ACROSS * size)) ** 2)) for sign in (1, -1)]
+        risen = amplitude * (1 - np.exp(-((t / rise) ** 2)))
+        shape = risen * np.exp(-((s / (_ALONG * size)) ** 2)) * (sides[0] - sides[1])
+        return np.multiply.outer(np.append(front, across), shape)
+
+    tips, source = CrackTips(every=10), Source(load)
+    start, tip = _LEFT * size * ahead, _TIP * size * ahead
+    around: dict[str, Side] = {"all": LatticePML(nodes=12)}
+    crack: Any = [start, tip]
+    if dim == 3:
+        # layers in 3D would take most of the time, and the forces hardly emit waves
+        around = {"x": Periodic(), "all": Sponge(round(_SPONGE * size / spacing))}
+        crack = Rectangle([-2 * _HIGH * size, *start], [4 * _HIGH * size, 0.0, 0.0], [0.0, *(tip - start)])
+    lattice = Lattice(spacing, (*front, *lower), (*front, *upper))
+    found = RunningCrack(
+        runs(Setup(lattice, model, around, sources=[source], cracks=[crack]), [tips]),
+        tips,
+        ahead,
+        size,
+        source,
+        spacing ** (dim - 2),
+    )
+    sim, latest = found.sim, (_FIRST + _WAY) * size / moving
+    while not found.follows and sim.time < latest:
+        sim.step(int(size / (moving * sim.dt)))
+    return found
+
+
+def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float:
+    """Return the energy that cracks spend per new area at 0.3 of the speed of Rayleigh waves, divided by Young's
+    modulus, the horizon and the square of the critical stretch; in 2D the mean of cracks along an axis of the lattice
+    and at an angle to it. It is taken from the cache of the program if it is there.
+
+    Parameters
+    ----------
+    runs : callable
+        Makes a run of a set-up, given its recorders.
+    model : Elastic
+        With constants that are numbers; its own strength does not matter.
+    spacing : float
+    dim : {2, 3}
+
+    Raises
+    ------
+    InputError
+        There is no kernel, the lattice is too coarse or too fine, or no crack runs or spends energy in the material, as
+        in a correspondence material without stabilisation.
+    """
+    if not isinstance(model.kernel, Kernel):
+        raise InputError(
+            "a critical stretch is calibrated for a material with a kernel", value=model.title, key="model.kernel"
+        )
+    reach = model.kernel.horizon / spacing
+    if not _COARSEST * (1 - 1e-9) <= reach <= _FINEST[dim]:
+        raise InputError(
+            "what a crack dissipates is found on lattices fine enough to let it run, and no finer than can be computed "
+            "in minutes",
+            value=f"{reach:.3g} spacings in the horizon",
+            limit=f"{_COARSEST:g} to {_FINEST[dim]:g}",
+            key="model.fracture_energy",
+            remedy="critical_stretch",
+        )
+    tried = _in_units_of_the_lattice(model, model.kernel, spacing)
+    path = _cache_file(tried, dim)
+    if (found := kept(path)) is None:
+        with awaited(path.with_suffix(".lock")):  # several processes may want the same one
+            if (found := kept(path)) is None:
+                found = {"factor": np.array(_energy_factor(runs, tried, dim))}
+                keep(path, **found)
+    return float(found["factor"])
+
+
+def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> Elastic:
+    """Return the same material in units of the spacing, Young's modulus and the density, with linear bonds that
+    break.
+    """
+    moduli = {name: getattr(model, name) / model.young for name in ("young", "bulk", "shear")}
+    given = moduli | {"poisson": model.poisson}
+    tried = model.linearised.with_constants({name: round(value, _DIGITS) for name, value in given.items()})
+    unit = spacing * np.sqrt(model.density / model.young)
+    width = None if kernel.width is None else round(kernel.width / spacing, _DIGITS)
+    tried = tried.with_constants({"density": 1.0})
+    tried.kernel = replace(kernel, horizon=round(kernel.horizon / spacing, _DIGITS), width=width)
+    tried.damping, tried.drag = round(model.damping * unit, _DIGITS), round(model.drag * unit, _DIGITS)
+    tried.critical_stretch = _STRETCH
+    return tried
+
+
+def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
+    """The same as `energy_factor` for a material in units of its lattice, computed from runs."""
+    assert isinstance(model.kernel, Kernel)
+    print(
+        "farhorizon: simulating a crack to find the energy per area in this material, once: later runs find it on disk",
+        file=sys.stderr,
+        flush=True,
+    )
+    unit, spent = model.young * model.kernel.horizon * _STRETCH**2, []
+    expected = unit * (12 / (5 * np.pi) if dim == 2 else 6 / 5)  # of single bonds, see `farhorizon.medium.fracture`
+    for turn in TURNS[dim]:
+        expected = _spent(runs, model, dim, turn, expected)
+        spent.append(expected)
+    return float(np.mean(spent)) / unit
+
+
+def _spent(runs: Runs, model: Elastic, dim: int, turn: float, expected: float) -> float:
+    """Return what a crack at an angle to the lattice spends per new area, given an estimate of it."""
+    stuck = 0.0  # estimate for which no crack ran: on coarse lattices a crack needs more energy than it spends
+    for _ in range(_TRIES):
+        found = crack_after_forces(runs, model, 1.0, expected, turn=turn, dim=dim)
+        if found.follows and abs(found.spent - expected) <= _AGREES * expected:
+            break
+        if found.follows and found.spent > 0:
+            expected = max(found.spent, _MORE * stuck)  # determines the forces
+        else:
+            stuck, expected = expected, _MORE**2 * expected
+    if not found.follows or found.spent <= 0:
+        raise InputError(
+            "bonds that break dissipate no energy" if found.follows else "no crack runs through this material",
+            value=found.spent if found.follows else "none",
+            key="model.fracture_energy",
+            remedy="a larger horizon, or for a correspondence material a stabilisation",
+        )
+    return found.spent
+
+
+# the modules that determine how a crack runs, which bonds break and which energy is lost with them
+_FILES = __file__, damage.__file__, release.__file__, force_states.__file__
+_PROGRAM = b"".join(Path(str(file)).read_bytes() for file in _FILES)
+
+
+def _cache_file(model: Elastic, dim: int) -> Path:
+    """Return the file that caches the number for this lattice and this version of the program."""
+    assert isinstance(model.kernel, Kernel)
+    mark = hashlib.sha256(_PROGRAM)
+    for table in Stencil.family(model.kernel, 1.0, dim):
+        mark.update(np.ascontiguousarray(table).tobytes())
+    names = ("material", "plane", "stabilisation", "damping", "drag", "shape_tensor")
+    given = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
+    mark.update(repr((dim, model.kernel.calibrate, *given)).encode())
+    return cache_folder() / f"toughness_{mark.hexdigest()[:24]}.npz"
+
+
+def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
+    """Return the set-up with a model whose bonds can convert its fracture energy into a critical stretch.
+
+    Parameters
+    ----------
+    setup : Setup
+    runs : callable
+        Makes a run of a set-up, given its recorders.
+    team : ProcessGroup
+        Processes that compute the run; the first one determines the number.
+
+    Raises
+    ------
+    InputError
+        As for `energy_factor`; or Poisson's ratio varies.
+    """
+    law = setup.model.bond_law
+    if law is None or law.fracture_energy is None or law.energy_factor is not None or setup.model.bonds:
+        return setup
+    medium, variation = reference_and_variation(setup, team)
+    ratio = np.ones(1) if variation.lame is None else variation.lame[0] / variation.lame[1]
+    if team.largest(float(ratio.max())) + team.largest(-float(ratio.min())) > 10.0**-_DIGITS:
+        raise InputError(
+            "the energy per new area is found for one Poisson's ratio; the other constants may vary",
+            value="one that varies",
+            key="model.fracture_energy",
+            remedy="critical_stretch, by region that of fh.calibrated_stretch",
+        )
+    lattice, host, model = setup.lattice, cast(Elastic, medium.model), cast(Elastic, copy.copy(setup.model))
+    factor = team.by_first(lambda: energy_factor(runs, host, lattice.spacing, lattice.dim))
+    model.energy_factor = team.first(factor)
+    return replace(setup, model=model)

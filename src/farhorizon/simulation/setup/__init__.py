@@ -1,0 +1,1 @@
+"""What a user specifies, checked, and the near field that it describes."""

@@ -1,0 +1,148 @@
+"""The margin of a near field with breakable bonds: within one reach of sides that are not free, and outside the boxes
+of incident waves, bonds cannot break, so that a crack that gets there stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon.engine.bonds import steepest
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.simulation.time.outer_loop import warn_once
+
+
+@dataclass(frozen=True, eq=False)
+class IntactMargin:
+    """The bonds of the nodes in the margin.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (n,)
+        Places of the nodes in a level.
+    corners : ndarray of int, shape (n, dim)
+        Their indices in the lattice.
+    bits : ndarray of uint64, shape (words, n)
+        One bit per bond: set if it is present and ends in the near field.
+    distances : ndarray of int, shape (K,)
+        Offsets to the neighbours in a level.
+    bonds : ndarray, shape (K, dim)
+        Bond vectors.
+    limit : float
+        Largest ``|xi + eta|^2 / |xi|^2 - 1`` at which the weakest bonds would not break (linearised:
+        ``2 xi . eta / |xi|^2``).
+    nonlinear : bool
+    strength : ndarray
+        Limit at each place of a level relative to `limit`, or a single number.
+    every : int
+        Steps between two checks: a wave takes longer to cross the margin.
+    boxed : bool
+        Whether the margin includes what lies outside the boxes of incident waves.
+    """
+
+    nodes: np.ndarray
+    corners: np.ndarray
+    bits: np.ndarray
+    distances: np.ndarray
+    bonds: np.ndarray
+    limit: float
+    nonlinear: bool
+    strength: np.ndarray
+    every: int
+    boxed: bool
+
+    def overstretched(self, level: np.ndarray) -> np.ndarray | None:
+        """Return the index in the lattice of the node whose bond exceeds its limit most, None if none does; `level` is
+        laid out as in the engine.
+        """
+        given = self.nodes, self.bits, self.distances, self.bonds, self.nonlinear, self.strength
+        node, strain = steepest(level, *given)
+        return self.corners[node] if strain > self.limit else None
+
+    def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
+        """Return a warning if a bond exceeds its limit; otherwise None."""
+        found = self.overstretched(level)
+        if found is None:
+            return None
+        place = (lattice.lower + lattice.spacing * found).round(9).tolist()
+        return (
+            f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+            f"reach of a side that is not free{' or outside the box of an incident wave' if self.boxed else ''}: a "
+            "crack stops there, and what follows is not valid; enlarge the near field"
+        )
+
+
+def intact_margin(
+    shape: tuple[int, ...],
+    breakable: tuple[slice, ...],
+    places: np.ndarray,
+    offsets: np.ndarray,
+    present: np.ndarray,
+    within: Sequence[np.ndarray],
+    distances: np.ndarray,
+    bonds: np.ndarray,
+    limit: float,
+    nonlinear: bool,
+    strength: np.ndarray,
+    every: int,
+) -> IntactMargin | None:
+    """Return the margin of a near field, or None if there is none.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape of the lattice.
+    breakable : tuple of slice
+        The nodes between which bonds can break.
+    places : ndarray of int, of that shape
+        Places of the nodes in a level.
+    offsets : ndarray of int, shape (K, dim)
+    present : ndarray of uint64, shape (words, *shape)
+        One bit per bond, set if it is present.
+    within : sequence of ndarray of bool, of that shape
+        Nodes in the boxes of incident waves: bonds through the faces of a box have no meaningful stretch.
+
+    The others are as for `IntactMargin`.
+    """
+    outside = np.ones(shape, bool)
+    outside[breakable] = False
+    corners = np.argwhere(outside)
+    bits = present[:, outside]
+    for k, offset in enumerate(offsets):
+        other = corners + offset
+        leaves = ((other < 0) | (other >= shape)).any(1)
+        there = tuple(np.where(leaves[:, None], corners, other).T)
+        for inside in within:
+            leaves |= inside[outside] != inside[there]
+        bits[k >> 6, leaves] &= ~(np.uint64(1) << np.uint64(k & 63))
+    held = bits.any(0)
+    if not held.any() or not np.isfinite(limit):
+        return None
+    return IntactMargin(
+        places[outside][held],
+        corners[held],
+        np.ascontiguousarray(bits[:, held]),
+        distances,
+        np.ascontiguousarray(bonds, float),
+        limit,
+        nonlinear,
+        strength,
+        every,
+        bool(within),
+    )
+
+
+def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
+    """Check every `every` steps, if that is positive, whether bonds in the margin of a run are stretched beyond their
+    limit, and warn if so; on several processes any of them may have such bonds.
+    """
+    if not every or run.step_count < run.next_look:
+        return
+    run.next_look = (run.step_count // every + 1) * every
+    found = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
+    warning = next((one for one in found if one is not None), None)
+    if warning is not None:
+        warn_once(run, "crack where bonds cannot break", warning)

@@ -1,0 +1,76 @@
+"""Regions of a run: nodes of the same material, as one number per node."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon.files.region_numbers import OUTSIDE, Regions
+from farhorizon.simulation.processes.process_group import ProcessGroup
+from farhorizon.simulation.setup.reference_medium import constants_of
+
+_MOST = 256  # values of a constant; with more of them it counts as varying continuously
+
+
+def uneven(run: Any) -> dict[str, np.ndarray]:
+    """Return what varies from node to node, by name: "metal" (boolean), "coefficient" and constants of the model; on
+    several processes, at the nodes of this one.
+
+    Parameters
+    ----------
+    run : Simulation
+    """
+    near, solid = run.parts.near, run.parts.start.solid
+    constants = constants_of(replace(run.setup, lattice=run.lattice))
+    told = {"metal": solid if run.team.any(bool(solid.any())) else None, "coefficient": near.coefficient, **constants}
+    return {name: values for name, values in told.items() if values is not None}
+
+
+def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
+    """Return the regions of a run; None where one medium fills the box, and on all processes but the first.
+
+    Regions are numbered by size: region 0 has the most nodes. A constant with more than 256 values, such as a random
+    one or one that grows with depth, defines no regions.
+
+    Parameters
+    ----------
+    run : Simulation
+    named : Regions, optional
+        Named materials, whose names come before the constants.
+    """
+    shape, hidden, team = run.lattice.shape, run.parts.near.hidden, run.team
+    there = np.ones(shape, bool) if hidden is None else ~hidden
+    numbers, names = np.zeros(there.sum(), np.int64), [""]
+    if named is not None:
+        known, numbers = _numbered(named.numbers[run.lattice.within][there], team)
+        names = [named.names[k] for k in known]
+    for what, values in uneven(run).items():
+        known, which = _numbered(np.broadcast_to(values, shape)[there], team, _MOST + 1)
+        if len(known) > _MOST:
+            continue
+        words = [_said(what, value) for value in known]
+        pairs, numbers = _numbered(numbers * len(known) + which, team)
+        names = [", ".join(filter(None, (names[k // len(known)], words[k % len(known)]))) for k in pairs]
+    counts = team.summed(np.bincount(numbers, minlength=len(names)))
+    alike = len(names) == 1 and not team.any(not there.all())
+    order = np.argsort(-counts, kind="stable")
+    own = np.full(shape, OUTSIDE, np.int32)
+    own[there] = np.argsort(order)[numbers]
+    whole = None if alike else team.joined(run.lattice, own)
+    return None if whole is None else Regions(whole, tuple(names[k] or "medium" for k in order))
+
+
+def _numbered(values: np.ndarray, team: ProcessGroup, most: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct values on all processes together, taking at most `most` of each process, and the index among
+    them of each value here.
+    """
+    known = np.unique(np.concatenate(team.gather(np.unique(values)[:most])))
+    return known, np.searchsorted(known, values)
+
+
+def _said(what: str, value: Any) -> str:
+    if what == "metal":
+        return "metal" if value else "liquid"
+    return f"{what} = {value:.6g}"

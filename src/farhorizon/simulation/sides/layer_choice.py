@@ -1,0 +1,246 @@
+"""The choice of layers for a run: of their family and their number of nodes, by trial runs of the set-up, of a smaller
+copy where it is large, or of what reflects alike; and the assessment of layers that are given.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from farhorizon.analysis.layers import families, short_waves, thickness, tuned_layers
+from farhorizon.analysis.layers.thickness import Found, NotKept, Thickness
+from farhorizon.boundaries import Side
+from farhorizon.errors import InputError
+from farhorizon.files.cache import cache_folder, keep, kept
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Temperature
+from farhorizon.models import Diffusion
+from farhorizon.simulation.setup.digests import digest_of
+from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.setup.setup import Key, side_name
+from farhorizon.simulation.sides import trials as trial_runs
+from farhorizon.simulation.sides.trials import CROSSINGS, SECONDS, TrialRuns
+
+LASTING = 10  # length of a run of diffusion if it is not known, in R^2/diffusivity
+# rounding error in single precision relative to the largest value at the same time: of diffusion, which decays, and of
+# waves
+_ROUNDED = 1e-4, 2e-6
+_BESIDE = 0.03  # part of the target that data may have at the sides of a smaller copy
+_MEASURE = "'farhorizon compare' measures it"
+
+_PROGRAM = (
+    b"".join(
+        Path(str(module.__file__)).read_bytes()
+        for module in (thickness, families, short_waves, tuned_layers, trial_runs)
+    )
+    + Path(__file__).read_bytes()
+)
+
+
+class Chosen(NamedTuple):
+    """Layers that were chosen or assessed.
+
+    Attributes
+    ----------
+    sides : dict of (axis, side) to Side
+    thickness : dict of str to Thickness
+        By name of the side.
+    doubts : list of str
+        Warnings about layers that miss their targets.
+    notes : list of str
+    """
+
+    sides: dict[Key, Side]
+    thickness: dict[str, Thickness]
+    doubts: list[str]
+    notes: list[str]
+
+
+def default_length(near: NearField) -> float:
+    """Return the length of run for which layers are chosen if it is not known."""
+    return (CROSSINGS if near.model.order == 2 else LASTING) * near.crossing
+
+
+def _in_place_of(run: Any) -> tuple[list[Any], str]:
+    """Return the runs that are tried in place of a run, and what to say of them.
+
+    Fronts of a corrosion, which move from node to node, would hide the differences between layers: the metal is held at
+    one concentration, as long as it lasts, and is initial data, when it is dissolved. Where bonds break, small
+    differences grow, which no layer causes: the linear medium is tried. Other runs are tried as they are.
+    """
+    model, same = run.model, {"boundary": run.parts.layered.as_given(), "dt": run.dt}
+    with suppress(InputError):
+        if run.parts.phases is not None:
+            solid = run.fields["solid"] > 0
+            held = (*run.setup.constraints, Temperature(solid, run.background + 1.0))
+            same |= {
+                "model": Diffusion(model.operator, model.diffusivity, integrator=model.integrator),
+                "specimens": (),
+            }
+            dissolved = run.remade(initial={"u": run.background + solid}, **same)
+            return [run.remade(constraints=held, **same), dissolved], ""
+        if run.parts.breaking is not None and not model.warm:
+            return [run.remade(model=model.linearised, **same)], "trial runs of the layers are those of linear bonds"
+    return [run], ""
+
+
+def _smaller(trials: TrialRuns) -> TrialRuns | None:
+    """Return trials on a copy whose sides are nearer to the data, in proportion, with as many crossings of the near
+    field; the largest copy whose trials take no more time than those of the run may. None where anything but initial
+    data in a uniform medium drives the run, or where nothing is gained.
+
+    A wave arrives at the nearer sides under the same angles and larger, so that its errors are larger, too.
+    """
+    run, near = trials.run, trials.near
+    given = run.setup
+    other = (given.sources, given.loads, given.cracks, given.constraints, given.specimens)
+    if any(other) or near.varies or near.lattice.mask is not None or run.team or run.of_field:
+        return None
+    shape, busy = np.array(near.lattice.shape), np.zeros(near.lattice.shape, bool)
+    for values in (run.start_u, run.start_v):
+        size = near.size(np.abs(values))
+        busy |= size > _BESIDE * trials.wanted * max(float(size.max()), 1e-300)
+    small = None
+    held = [np.flatnonzero(np.moveaxis(busy, a, 0).reshape(n, -1).any(1)) for a, n in enumerate(shape)]
+    if not busy.any():
+        return None
+    first, last = (np.array([h[end] for h in held]) for end in (0, -1))
+    least = np.array(near.stencil.reach) + 2
+    for part in 0.5 ** np.arange(1, 8):
+        low = np.maximum(0, first - np.maximum(least, np.ceil(part * first)).astype(int))
+        high = np.minimum(shape - 1, last + np.maximum(least, np.ceil(part * (shape - 1 - last))).astype(int))
+        if not (high - low + 1).prod() < 0.7 * shape.prod():
+            return small
+        until = trials.until * ((high - low + 1).max() / shape.max()) ** (3 - near.model.order)
+        small = _cropped(trials, low, high, until)
+        if small is None or small.tried == until:
+            return small
+    return small
+
+
+def _cropped(trials: TrialRuns, low: np.ndarray, high: np.ndarray, until: float) -> TrialRuns | None:
+    """Return trials on a part of the near field, given by its first and last nodes."""
+    run, near = trials.run, trials.near
+    part = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
+    lower = near.lattice.lower + near.lattice.spacing * low
+    lattice = Lattice(near.lattice.spacing, lower, lower + near.lattice.spacing * (high - low))
+    initial = {"u": run.start_u[(..., *part)] + near.background}
+    initial |= {"v": run.start_v[(..., *part)]} if near.model.order == 2 else {}
+    try:
+        small = run.remade(lattice=lattice, initial=initial, boundary=run.parts.layered.as_given())
+        return TrialRuns(small, trials.keys, trials.wanted, until, trials.allowed)
+    except InputError:
+        return None
+
+
+def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
+    """Choose the layers of some sides for a run of a given length, and for a usual one if that is longer and trials of
+    it take no more than two seconds: runs are often continued. All sides have the same number of nodes, and the
+    smallest target of them counts.
+
+    Parameters
+    ----------
+    run : Simulation
+    keys : list of (axis, side)
+    until : float
+
+    Raises
+    ------
+    NotKept
+        No layer of up to 60 nodes keeps a target that is given.
+    """
+    runs, remark = _in_place_of(run)
+    every = [_chosen(run, tried, keys, until) for tried in runs]
+    most = max(every, key=lambda one: max(found.nodes for found in one.thickness.values()))
+    return most._replace(notes=[*most.notes, remark] if remark else most.notes)
+
+
+def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
+    """Return the layers that trials of a set-up, that of the run or one in its place, choose."""
+    asked = min(run.sides[key].wanted(run.model.target) for key in keys)
+    rounded = _ROUNDED[run.model.order - 1] if run.setup.dtype == "float32" else 0.0
+    wanted = max(asked, rounded)  # of what rounding exceeds, trials show nothing
+    trials = TrialRuns(tried, keys, wanted, until)
+    usual = TrialRuns(tried, keys, wanted, max(until, default_length(run.parts.near)))
+    if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == SECONDS:
+        trials, until = usual, usual.until
+    small = None if trials.tried == until else _smaller(trials)
+    used = trials if small is None else small
+    found, cost = _recalled(used), 0.0
+    if found is None:
+        found, cost = used.chosen(), used.spent / trials.expected_seconds
+        _remember(used, found)
+    if found.error > wanted and any(run.sides[key].target is not None for key in keys):
+        raise NotKept.of(wanted, found.error)
+    sides = trials.sides(found.family.name, found.nodes)
+    thickness = {
+        side_name(*key): Thickness(found.family.name, side.profile, float(found.error), until, trials.tried, cost)
+        for key, side in sides.items()
+    }
+    names = ", ".join(thickness)
+    doubts, notes = [], []
+    if found.error > wanted:
+        doubts.append(_missed(found.nodes, names, found.error, wanted, run.model.order))
+    if np.isnan(found.error):
+        notes.append(f"trial runs that show the error of the layers ({names}) take too long; {_MEASURE}")
+    elif small is not None:
+        shape = " x ".join(map(str, small.run.lattice.shape))
+        notes.append(
+            f"trial runs of the layers ({names}) are those of a smaller near field of {shape} nodes; {_MEASURE}"
+        )
+    elif trials.tried < until:
+        notes.append(f"trial runs of the layers ({names}) end at t = {trials.tried:.4g}; {_MEASURE}")
+    if asked < rounded:
+        doubts.append(f"in single precision, rounding exceeds the target {asked:g}: use float64 or a larger target")
+    return Chosen(sides, thickness, doubts, notes)
+
+
+def _recalled(trials: TrialRuns) -> Found | None:
+    """Return what trials of the same set-up chose before."""
+    known = kept(_cache_file(trials))
+    if known is None:
+        return None
+    family = next(one for one in trials.families if one.name == str(known["family"]))
+    return Found(family, int(known["nodes"]), float(known["error"]), bool(known["kept"]))
+
+
+def _remember(trials: TrialRuns, found: Found) -> None:
+    """Keep what trials chose, if they took a while."""
+    if trials.spent > 0.1 * SECONDS:
+        keep(_cache_file(trials), family=found.family.name, nodes=found.nodes, error=found.error, kept=found.kept)
+
+
+def _cache_file(trials: TrialRuns) -> Path:
+    """Return the file of a choice as made by this version of the program. Initial data count by their values, which a
+    function need not return twice.
+    """
+    run = trials.run
+    others = {key: side for key, side in run.sides.items() if key not in trials.keys}
+    given = replace(run.setup, initial={}, boundary=None), others, run.start_u, run.start_v, run.dt
+    asked = trials.keys, trials.wanted, trials.until, trials.allowed
+    mark = hashlib.sha256(digest_of((given, asked)) + _PROGRAM)
+    return cache_folder() / f"layers_{mark.hexdigest()[:24]}.npz"
+
+
+def assess_layers(run: Any, keys: list[Key], until: float) -> tuple[float, list[str]]:
+    """Return the error of layers as they are in a run of a given length, nan if a trial takes too long, and a warning
+    if it is above the targets.
+    """
+    wanted = max(run.sides[key].wanted(run.model.target) for key in keys)
+    trials = TrialRuns(_in_place_of(run)[0][-1], keys, wanted, until)
+    error = trials.assessed()
+    names = ", ".join(side_name(*key) for key in keys)
+    nodes = max(trials.near_layer(key).columns for key in keys)
+    return error, [_missed(nodes, names, error, wanted, run.model.order)] if error > wanted else []
+
+
+def _missed(nodes: int, names: str, error: float, wanted: float, order: int) -> str:
+    at = "the largest value" if order == 2 else "the largest value at that time"
+    return (
+        f"layers of {nodes} nodes ({names}) reflect {error:.1g} of {at} in trial runs, more than the target {wanted:g}"
+    )

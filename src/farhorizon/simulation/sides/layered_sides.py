@@ -1,0 +1,148 @@
+"""The surroundings of a near field: layers and other nodes beyond its sides, and the memory that a run needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.extent import Extent
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
+from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredSides:
+    """The sides of a near field and what has been chosen for them.
+
+    Attributes
+    ----------
+    sides : dict of (axis, side) to Side
+    coefficients : dict of (axis, side) to float
+        Squared speed or diffusivity of the medium at each side.
+    layers : dict of (axis, side) to Layer
+    extents : dict of (axis, side) to Extent
+        How far the medium is computed beyond sides that extend it.
+    doubts : list of str
+        Warnings about extended domains that are predicted to miss their targets.
+    undesigned : str
+        Why layers without a target may reflect more than the model's default target; empty if there is no reason.
+    """
+
+    sides: Sides
+    coefficients: dict[Key, float]
+    layers: dict[Key, Layer]
+    extents: dict[Key, Extent] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
+    undesigned: str = ""
+
+    def as_given(self) -> dict[str, Any]:
+        """Return the sides by name, with their layers as given, so that a run with them chooses nothing."""
+        return {
+            side_name(*key): replace(side, nodes=self.layers[key].columns, profile=self.layers[key])
+            if key in self.layers
+            else side
+            for key, side in self.sides.items()
+        }
+
+    def width(self, key: Key, stencil: Stencil, spacing: float) -> int:
+        """Return the number of nodes of the core that a sponge, an extended side or a condition along the outline needs
+        beyond the near field.
+        """
+        if key in self.extents:
+            return self.extents[key].nodes
+        return self.sides[key].width(stencil.reach[key[0]], spacing)
+
+    def beyond(self, stencil: Stencil, spacing: float) -> dict[Key, int]:
+        """Return the number of nodes that are computed beyond each side: those of its layer, or `width`."""
+        layers = {key: layer.columns for key, layer in self.layers.items()}
+        return {key: layers.get(key, self.width(key, stencil, spacing)) for key in self.sides}
+
+    def depth(self, stencil: Stencil, spacing: float, shape: tuple[int, ...]) -> dict[Key, int]:
+        """Return the number of nodes beyond each absorbing side at which data and sources are checked: those of its
+        layer or sponge, or one reach if that is more; beyond an exact end or an extended side, as many as the near
+        field has.
+        """
+        nodes = {key: layer.columns for key, layer in self.layers.items()}
+        for key, b in self.sides.items():
+            if b.endless and not b.stretched:
+                nodes[key] = shape[key[0]] if b.exact or b.extended else self.width(key, stencil, spacing)
+        return {key: max(n, stencil.reach[key[0]]) for key, n in nodes.items()}
+
+
+def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key, float] | None = None) -> LayeredSides:
+    """Return the surroundings with layers that are given or follow from their targets alone; `faster` is the squared
+    speed of the medium at each side over that of the model.
+    """
+    lattice, model = setup.lattice, setup.model
+    coefficients = {key: model.coefficient * (1.0 if faster is None else faster[key]) for key in sides}
+    half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
+    layers = {
+        key: boundary.make_layer(
+            model.order,
+            stencil.along(key[0]).beside(coefficients[key] / model.coefficient),
+            coefficients[key],
+            lattice.spacing,
+            half_width,
+        )
+        for key, boundary in sides.items()
+        if boundary.stretched
+    }
+    return LayeredSides(sides, coefficients, layers)
+
+
+def memory_needed(setup: Setup, stencil: Stencil, layered: LayeredSides) -> float:
+    """Return the peak memory in bytes, which is needed during set-up: three levels and the layers' memory once more,
+    and about seven fields besides coordinates.
+    """
+    lattice, reach, itemsize = setup.lattice, stencil.reach, np.dtype(setup.dtype).itemsize
+    more = {key: layered.width(key, stencil, lattice.spacing) for key in layered.sides}
+    shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(lattice.shape)]
+    columns = [
+        sum(layer.columns for (a, _), layer in layered.layers.items() if a == axis) for axis in range(lattice.dim)
+    ]
+    nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
+    sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
+    # the edges between sides of the first two axes
+    memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if lattice.dim == 3 else 0.0)
+    tuned = {key: layer.columns for key, layer in layered.layers.items() if layer.tuned.size}
+    memory += 3 * sum(columns * np.prod(nodes) / nodes[axis] for (axis, _), columns in tuned.items())
+    levels = setup.model.integrator.stages(1.0, 0.0, lattice.dim == 1).levels + setup.lasting
+    bits = 8 * -(-len(stencil.weights) // 64) * (setup.model.bond_law is not None)
+    fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(lattice.shape)
+    return float(stencil.components * fields + (8 * lattice.dim + bits) * np.prod(lattice.shape))
+
+
+def check_memory(setup: Setup, stencil: Stencil, layered: LayeredSides) -> None:
+    """Raise InputError if the run does not fit into memory."""
+    need = memory_needed(setup, stencil, layered)
+    if need > available_memory():
+        raise InputError(
+            "the run does not fit into memory",
+            value=f"about {need / 2**30:.3g} GiB for {int(np.prod(setup.lattice.shape))} nodes",
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key="lattice",
+            remedy="a coarser or smaller lattice, thinner layers, or float32",
+        )
+
+
+def enlarged(shape: tuple[int, ...], more: Mapping[Key, int]) -> float:
+    """Return the number of nodes of a near field together with given numbers of nodes beyond its sides."""
+    return float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(shape)]))
+
+
+def too_large(shape: tuple[int, ...], more: Mapping[Key, int], components: int, itemsize: int) -> InputError:
+    """Return the error for an extended domain that does not fit into memory."""
+    need = 3.0 * itemsize * components * enlarged(shape, more)
+    return InputError(
+        "the extended domain does not fit into memory",
+        value=f"about {need / 2**30:.3g} GiB for {enlarged(shape, more):.3g} nodes",
+        limit=f"{available_memory() / 2**30:.3g} GiB available",
+        key="boundary",
+        remedy="LatticePML, a shorter run, a larger target or float32",
+    )

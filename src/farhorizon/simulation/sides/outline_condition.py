@@ -1,0 +1,133 @@
+"""Sides that close the near field from the values of its own nodes: conditions along its outline, and exact ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion, half_weights
+from farhorizon.boundaries import Exact, ExactEnds, Outline, OutlineCondition
+from farhorizon.boundaries.outline import SERIES, Medium
+from farhorizon.errors import InputError
+from farhorizon.medium.kernel import Kernel
+from farhorizon.simulation.setup.grid import Grid
+from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.setup.setup import Sides, side_name
+
+
+def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> OutlineCondition | None:
+    """Return the conditions along the outline; None if there are none.
+
+    Raises
+    ------
+    InputError
+        The nodes that they read are not those of the homogeneous medium, or are metal.
+    """
+    closing = {key: b for key, b in sides.items() if b.closing}
+    if not closing:
+        return None
+    lattice, model, stencil, factor = near.lattice, near.model, near.stencil, near.factor
+    if stencil.components > 1:
+        _check_solid(near)
+    dx = lattice.spacing
+    shape = grid.engine.core.nodes[grid.lead :]
+    inside = np.zeros(shape, bool)
+    inside[grid.near[-lattice.dim :]] = True if near.closed is None else near.closed
+    outline = Outline(
+        grid.origin,
+        dx,
+        inside,
+        lattice.window,
+        closing,
+        frozenset(a for (a, _), b in sides.items() if b.periodic),
+        frozenset(key for key, b in sides.items() if not b.bonded),
+        stencil.offsets,
+    )
+    first = 0 if near.closed is None else tuple(np.argwhere(near.closed)[0])
+    scale = 1.0 if factor is None else float(factor[first].flat[0])
+    kernel = given if isinstance(given := getattr(model, "operator", None), Kernel) else None
+    medium = Medium(
+        model.order,
+        model.coefficient * scale,
+        near.dt,
+        model.damping,
+        dx * stencil.offsets,
+        stencil.weights * model.coefficient * scale / dx**2,
+        0.0 if kernel is None else kernel.horizon,
+        () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
+    )
+    closure = OutlineCondition(outline, medium)
+    closure.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
+    _check_outline(closure, near, grid, solid)
+    return closure
+
+
+def _check_solid(near: NearField) -> None:
+    """Refuse fields of several components whose waves a condition along the outline does not know."""
+    model, dim = near.model, near.lattice.dim
+    law = model.bond_law is not None
+    if dim != 2 or near.stencil.components != dim or law:
+        raise InputError(
+            "a condition along the outline serves linear elastic media in the plane",
+            value=f"{model.title} in {dim} dimensions" + " with bonds that are nonlinear, break or are heated" * law,
+            limit="two dimensions, two components, linear bonds",
+            key="boundary",
+            remedy="LatticePML",
+        )
+
+
+def _check_outline(closure: OutlineCondition, near: NearField, grid: Grid, solid: np.ndarray) -> None:
+    """Raise InputError unless a condition along the outline reads the homogeneous medium only: no other material, no
+    end of a body, no metal and no constraint.
+    """
+    material = near.material
+    for nodes in (*near.prescribed.nodes, near.conditions.nodes, np.flatnonzero(near.leak), np.flatnonzero(solid)):
+        material.flat[nodes] = np.nan
+    grown = grid.grown(material).reshape(closure.halo.shape)
+    if not np.ptp(grown[tuple(closure.fringe.index.T)]) == 0:
+        raise InputError(
+            "a condition along the outline reads metal, or nodes where the material varies, the body ends or a "
+            "constraint holds",
+            key="boundary",
+            limit=f"uniform within {closure.fringe.depth:g} of the outline",
+            remedy="enlarge the near field, or use a LatticePML",
+        )
+
+
+def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None:
+    """Return the exact ends, whose chains have the bonds of the last nodes; None if there are none.
+
+    Raises
+    ------
+    InputError
+        There are no bonds at an end.
+    """
+    factor, density = near.factor, near.density
+    found = [(side, b) for (_, side), b in sides.items() if isinstance(b, Exact)]
+    if not found:
+        return None
+    if factor is not None and any(factor[0 if side < 0 else -1] == 0 for side, _ in found):
+        raise InputError(
+            "the medium beyond an exact end needs bonds",
+            value=0.0,
+            limit="positive at the end",
+            key="coefficient",
+            remedy="Free",
+        )
+    recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping, float(grid.engine.reaction))
+    unit = near.model.coefficient / near.lattice.spacing**2
+    bonds = [half_weights(near.stencil, unit, side) for side, _ in found]
+    count = near.stencil.reach[0]
+    line = grid.engine.core.node_indices().ravel()
+    stiff, heavy = (
+        [1.0 if values is None else float(values[0 if side < 0 else -1]) for side, _ in found]
+        for values in (factor, density)
+    )
+    return ExactEnds(
+        grid.engine,
+        [side_name(0, side) for side, _ in found],
+        [b for _, b in found],
+        [b * (one / mass) for b, one, mass in zip(bonds, stiff, heavy, strict=True)],
+        heavy,
+        recursion,
+        np.array([line[0] + np.arange(count) if side < 0 else line[-1] - np.arange(count) for side, _ in found]),
+    )

@@ -1,0 +1,1 @@
+"""A run in time: its sources, steps, ends, output and checkpoints."""

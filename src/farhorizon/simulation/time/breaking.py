@@ -1,0 +1,323 @@
+"""Bonds that follow a law of their own stretch: nonlinear ones, and those that break."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from farhorizon.engine.engine import Zone
+from farhorizon.engine.settings import set_heat
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.incidence import Region
+from farhorizon.medium.fracture import final_stretch
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models.model import BondLaw
+from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.setup.cuts import CutBonds
+from farhorizon.simulation.setup.grid import Grid
+from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.setup.overstretch import IntactMargin, intact_margin
+from farhorizon.simulation.setup.setup import Key, Sides
+
+_ROUNDING = 1e-9
+_SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
+
+
+#: Note on the energy that a crack at rest takes (`benchmarks/at_rest.py`, and a double cantilever beam).
+AT_REST = (
+    "a crack at rest begins to grow at 1.05 to 1.37 times the fracture energy, depending on material and load, because "
+    "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice"
+)
+
+
+class Breaking:
+    """Bonds of a near field on its grid that follow a law; the engine receives them whole and uncut.
+
+    Parameters
+    ----------
+    law : BondLaw
+    near : NearField
+    sides : dict of (axis, side) to Side
+    grid : Grid
+    cuts : CutBonds
+    regions : sequence of Region
+        Boxes of incident waves. The field is the total one inside them and the scattered one outside, so that bonds
+        through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
+        neither can break.
+    team : ProcessGroup
+        Processes that each have a part of the near field.
+
+    Attributes
+    ----------
+    critical_stretch : float
+        That of the weakest bonds in the whole lattice.
+    families : ndarray of int
+        Number of bonds of each node, whole and uncut; shape of the lattice.
+    """
+
+    def __init__(
+        self,
+        law: BondLaw,
+        near: NearField,
+        sides: Sides,
+        grid: Grid,
+        cuts: CutBonds,
+        regions: Sequence[Region] = (),
+        team: ProcessGroup = ALONE,
+    ) -> None:
+        self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
+        self.regions = regions
+        self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))
+        self.begin()
+        self.families = self.left()
+        if law.fracture_energy is not None and law.energy_factor is not None:
+            cuts.notes.append(
+                f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
+                "fracture energy: found from cracks that ran through this lattice at 0.3 of the speed of Rayleigh waves"
+            )
+        if law.fracture_energy is not None:
+            cuts.notes.append(AT_REST)
+
+    @cached_property
+    def zone(self) -> Zone:
+        """Where the law holds: one reach away from sides that are not free, for sides that extend the domain from their
+        far ends, and inside the boxes of incident waves.
+        """
+        near, lead, margins = self.near, self.grid.lead, self.grid.margins
+        lattice = near.lattice
+        first, end = [0] * 3, [1] * 3
+        onward = {(lead + axis, side) for (axis, side), b in self.sides.items() if b.periodic or b.shared}
+        for axis, n in enumerate(lattice.shape):
+            inset = {}
+            for side in (-1, 1):
+                boundary, more = self.sides[axis, side], margins[axis, side]
+                apart = 0 if (lead + axis, side) in onward or not boundary.bonded else near.stencil.reach[axis]
+                inset[side] = apart + (0 if boundary.extended else more)
+            first[lead + axis] = inset[-1]
+            end[lead + axis] = margins[axis, -1] + n + margins[axis, 1] - inset[1]
+            for region in self.regions:
+                low, high = region.along(axis, lattice)
+                first[lead + axis] = max(first[lead + axis], margins[axis, -1] + low)
+                end[lead + axis] = min(end[lead + axis], margins[axis, -1] + high)
+                onward -= {(lead + axis, side) for side, face in ((-1, low >= 0), (1, high <= n)) if face}
+            end[lead + axis] = max(first[lead + axis], end[lead + axis])
+        return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), onward)
+
+    @property
+    def may_break(self) -> bool:
+        """Whether bonds can break at all."""
+        return bool(np.isfinite(self.critical_stretch))
+
+    @property
+    def extent(self) -> np.ndarray:
+        """Nodes of the zone along the three axes."""
+        return np.subtract(self.zone.end, self.zone.first)
+
+    @cached_property
+    def critical_stretches(self) -> np.ndarray:
+        """At the nodes of this lattice, or a single number; a bond breaks at the smaller value of its two ends."""
+        lattice, strength, factor = self.near.lattice, self.near.variation.strength, self.near.factor
+        given = 1.0 if strength is None else strength, 1.0 if factor is None else factor
+        return np.asarray(self.law.critical_stretch_on(lattice.spacing, lattice.dim, *given))
+
+    @cached_property
+    def final_stretches(self) -> np.ndarray:
+        """For bonds that soften, the stretch at which nothing is left of them; at the nodes of this lattice, or a
+        single number.
+
+        Raises
+        ------
+        InputError
+            When they begin to soften, bonds hold more than the fracture energy.
+        """
+        law, near, onset = self.law, self.near, self.critical_stretches
+        toughness = 1.0 if near.variation.toughness is None else near.variation.toughness
+        bonds = near.lattice.spacing * near.stencil.offsets
+        stiffness = law.bond_stiffness(near.stencil, near.lattice.spacing)
+        with np.errstate(divide="ignore"):  # where there are no bonds
+            energy = law.fracture_energy * toughness / (1.0 if near.factor is None else near.factor)
+        final = np.asarray(final_stretch(bonds, stiffness, onset, energy))
+        share = -self.team.largest(-float((final / onset).min()))
+        if share < 1 - _ROUNDING:
+            raise InputError(
+                "bonds store more when they begin to soften than the fracture energy, so they would snap back",
+                value=f"{share:.4g} of that",
+                limit=">= 1",
+                key="model.fracture_energy",
+                remedy=f"a horizon of about {share:.2g} times this one, or a critical stretch of at most "
+                f"{np.sqrt(share):.3g} times this one",
+            )
+        return np.maximum(final, onset)
+
+    def _limits(self) -> tuple[float, np.ndarray | None]:
+        """Return the largest strain e of the weakest bonds, and those at each node relative to it; None if all are
+        equal.
+        """
+        stretches = self.critical_stretches
+        limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
+        every = self.team.gather((float(limits.min()), float(limits.max())))
+        least, most = min(low for low, _ in every), max(high for _, high in every)
+        return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
+
+    def _everywhere(self, values: np.ndarray) -> np.ndarray:
+        """Return values at the nodes as an array, also if there is a single one for all."""
+        return np.broadcast_to(values, self.near.lattice.shape)
+
+    def begin(self) -> None:
+        """Give the engine the law of the bonds, whole and uncut."""
+        law, spacing = self.law, self.near.lattice.spacing
+        limit, strength = self._limits()
+        engine = self.grid.engine
+        count = len(engine.offsets)
+        bonds, hard = self._bonds(), None
+        stiffness = np.zeros(count) if bonds is None else law.bond_stiffness(bonds, spacing) / law.density
+        if engine.passes is not None and self.near.factor is not None:
+            hard = self.grid.grown(self.near.factor)
+        ends = None if law.softening is None else self.grid.grown(self._everywhere(self.final_stretches))
+        own = law.contact, law.warm, law.softening, ends, hard
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *own)
+        if law.warm:
+            set_heat(engine, spacing)
+        self.cuts.cut(())
+
+    def _bonds(self) -> Stencil | None:
+        """Return the bonds that follow the law, next to states those that close; None if they only break."""
+        near = self.near
+        states = (
+            None if self.grid.engine.passes is None else near.model.force_states(near.lattice.spacing, near.lattice.dim)
+        )
+        if states is None:
+            return near.stencil
+        return None if states.closed is None else Stencil(states.offsets, states.closed)
+
+    def left(self) -> np.ndarray:
+        """Return the number of bonds that each node of the near field has left; shape of the lattice."""
+        return self.grid.engine.bonds.left[self.grid.near].reshape(self.near.lattice.shape)
+
+    @property
+    def damage(self) -> np.ndarray:
+        """Fraction of the bonds of each node that are cut or broken; bonds that soften count by the stiffness that they
+        have lost.
+        """
+        return 1 - self.left() / np.maximum(self.families, 1)
+
+    def loose(self) -> int:
+        """Return the number of nodes of the near field that have lost all their bonds."""
+        return int(((self.left() == 0) & (self.families > 0)).sum())
+
+    def strain_energy(self, cold: bool = False) -> float:
+        """Return the strain energy of the bonds of the near field, next to states that of bonds that close; bonds
+        across its edge count half, those to a held side in full. If `cold`, thermal strains are not subtracted.
+        """
+        lattice, lead = self.near.lattice, self.grid.lead
+        first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]
+        box = (1,) * lead + lattice.shape
+        nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
+        whole = np.zeros((3, 2), bool)
+        for (axis, side), boundary in self.sides.items():
+            whole[lead + axis, int(side > 0)] = boundary.held is not None
+        return self.near.mass * self.grid.engine.bonds.energy(
+            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole, cold
+        )
+
+    def margin(self) -> IntactMargin | None:
+        """Return the margin in which bonds cannot break, to be checked whenever a longitudinal wave has crossed one
+        reach.
+        """
+        engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
+        low, high = (
+            np.clip(
+                np.array(edge[self.grid.lead :]) - [self.grid.margins[a, -1] for a in range(lattice.dim)],
+                0,
+                lattice.shape,
+            )
+            for edge in (self.zone.first, self.zone.end)
+        )
+        crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
+        within = [np.zeros(lattice.shape, bool) for _ in self.regions]
+        for inside, region in zip(within, self.regions, strict=True):
+            bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
+            inside[tuple(slice(*pair) for pair in bounds)] = True
+        part, bonds = self.grid.near, lattice.spacing * engine.offsets[:, self.grid.lead :].astype(float)
+        if len(engine.bonds.table.released):  # bonds that break by energy share the elongation limit of the longest one
+            lengths = np.linalg.norm(bonds, axis=1)
+            bonds *= (lengths.max() / lengths)[:, None]
+        return intact_margin(
+            lattice.shape,
+            tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
+            engine.core.node_indices()[part].reshape(lattice.shape),
+            engine.offsets[:, self.grid.lead :],
+            engine.bonds.present(part).reshape(-1, *lattice.shape),
+            within,
+            engine.offsets @ np.array(engine.core.stride),
+            bonds,
+            engine.bonds.limit,
+            law.nonlinear,
+            engine.bonds.table.strength,
+            max(1, int(crossing / near.dt)),
+        )
+
+    def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
+        """Return the sides within one reach of which there are cracks whose faces would come into contact, but do
+        not.
+        """
+        near, found = self.near, set()
+        for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
+            if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
+                axis, sign = key
+                edge = (near.lattice.lower if sign < 0 else near.lattice.upper)[axis]
+                beyond = sign * ((low if sign < 0 else high)[axis] - edge) / near.lattice.spacing
+                if beyond > -near.stencil.reach[axis]:
+                    found.add(key)
+        return sorted(found)
+
+    def check_start(self, force: np.ndarray) -> None:
+        """Refuse initial data that would break bonds at once, and a load whose first strain would shatter whatever it
+        meets; note one whose first strain would break bonds.
+
+        Parameters
+        ----------
+        force : ndarray
+            Force of the sources at the start, of the shape of the field.
+
+        Raises
+        ------
+        InputError
+        """
+        limit, near = self.critical_stretch, self.near
+        if not np.isfinite(limit):
+            return
+        if self.law.caution is not None:
+            self.cuts.notes.append(self.law.caution)
+        strain = self.grid.engine.bonds.largest_strain()
+        stretch = float(np.sqrt(1 + strain) - 1 if self.law.nonlinear else strain / 2)
+        if stretch > limit:
+            raise InputError(
+                f"the initial displacements{' and temperatures' * self.law.warm} stretch bonds beyond the critical "
+                "stretch",
+                value=f"{limit:.6g}",
+                limit=f"> {stretch:.4g}",
+                key="model.critical_stretch",
+                remedy="a smaller start, or cracks",
+            )
+        factor = np.broadcast_to(1.0 if near.factor is None else near.factor, near.field_shape)
+        force = np.abs(force) / near.model.source_factor
+        largest = float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0))
+        strain = largest * near.lattice.spacing / self.law.p_modulus
+        if strain > _SHATTERS * limit:
+            raise InputError(
+                "the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                value=f"{limit:.6g}",
+                limit=f">= {strain / _SHATTERS:.3g}",
+                key="model.critical_stretch",
+                remedy="a smaller load, or one that rises in time",
+            )
+        if strain > limit:
+            self.cuts.notes.append(
+                f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break "
+                "at once"
+            )

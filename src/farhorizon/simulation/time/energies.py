@@ -1,0 +1,122 @@
+"""Energies of the near field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from farhorizon.boundaries import ExactEnds
+from farhorizon.engine.engine import Engine
+from farhorizon.simulation.setup.grid import Grid
+from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.setup.setup import Sides
+from farhorizon.simulation.time.breaking import Breaking
+
+
+def kinetic_energy(near: NearField, grid: Grid) -> float:
+    """Return the kinetic energy of waves half a step ago."""
+    engine = grid.engine
+    rate = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
+    return _kinetic(near, rate)
+
+
+def _kinetic(near: NearField, rate: np.ndarray) -> float:
+    """Kinetic energy for given velocities."""
+    squares = rate**2 if near.density is None else rate**2 * _there(near, near.density)
+    return float(near.mass * 0.5 * squares.sum())
+
+
+def present(found: Mapping[str, float]) -> float:
+    """Return the sum of the energies, given by name, that are present now: kinetic and stored ones."""
+    return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
+
+
+def energies(
+    near: NearField,
+    sides: Sides,
+    grid: Grid,
+    ends: ExactEnds | None,
+    breaking: Breaking | None,
+    work: bool,
+    cold: bool = False,
+    rim_held: bool = False,
+) -> dict[str, float]:
+    """Return the energies by name, see `farhorizon.Simulation.energies`; `work` says whether the work of the sources is
+    recorded. If `cold`, the strain energy is that of the total strains, thermal strains not subtracted. `rim_held` says
+    whether the field outside a body is fixed.
+    """
+    engine, lattice = grid.engine, near.lattice
+    if near.model.order == 1:
+        total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
+        return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
+    mass = near.mass
+    own = {"drag": mass * engine.dragged} if near.model.drag else {}
+    if np.any(engine.reaction):
+        now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
+        own["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
+    if breaking is not None and engine.bonds.forces:
+        return own | {
+            "kinetic": kinetic_energy(near, grid),
+            "strain": breaking.strain_energy(cold),
+            "work": mass * engine.work,
+            "broken": mass * engine.bonds.broken[0],
+        }
+    engine.complete(engine.current)
+    u, old = engine.current.astype(float), engine.older.astype(float)
+    if ends is not None:
+        ends.fill(u, old)
+    rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
+    strain = _shown(near, grid, _strain(near, sides, grid, u, old, rim_held))
+    if engine.tables.heat.thermal_strain.size and not cold:  # the mixed and the purely thermal terms
+        forces, resisted = engine.forces_of_heat()
+        strain = strain - 2 * _shown(near, grid, forces * (u + old))
+        strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))
+    found = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
+    if breaking is not None:
+        own["broken"] = float(mass * engine.bonds.broken[0])
+        if breaking.law.contact:
+            found["strain"] += breaking.strain_energy(cold)
+    return found | own | ({"work": mass * engine.work} if work else {})
+
+
+def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool) -> np.ndarray:
+    """Four times the strain energy per unit of mass at each place of a level."""
+    engine = grid.engine
+
+    def apply(level: np.ndarray) -> np.ndarray:  # the bonds without the reaction
+        return engine.apply_core(level.astype(engine.dtype)).astype(float) + _drawn_back(engine, level)
+
+    strain = -u * apply(old) - old * apply(u)
+    each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
+    for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
+        total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
+    at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
+    if at_rest or rim_held:  # the other half of the bonds to sides, and to the outside of a body, where u is zero
+        inside = near.lattice.existing if rim_held else None
+        core = np.ones(engine.core.nodes) if inside is None else grid.grown(inside.astype(float))
+        there = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
+        grid.clear_walls(there)
+        for unit, now in zip(
+            np.eye(engine.components), each, strict=True
+        ):  # sum_b (L there)_ba u_a old_b: L is symmetric
+            strain -= (now * ago * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
+    return strain
+
+
+def _drawn_back(engine: Engine, values: np.ndarray) -> np.ndarray:
+    """Apply the reaction to values, component by component."""
+    if np.ndim(engine.reaction):
+        return np.reshape(engine.reaction @ values.reshape(engine.components, -1), values.shape)
+    return engine.reaction * values
+
+
+def _shown(near: NearField, grid: Grid, level: np.ndarray) -> np.ndarray:
+    """A level at the existing nodes of the near field."""
+    part = grid.view(np.ascontiguousarray(level)).reshape(near.field_shape)
+    return _there(near, part)
+
+
+def _there(near: NearField, values: np.ndarray) -> np.ndarray:
+    """Values at the existing nodes."""
+    return values if near.lattice.mask is None else values[..., near.lattice.mask]

@@ -1,0 +1,128 @@
+"""Course of a run in time: to its end, with observers called at intervals, and its warnings."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from farhorizon import kinds
+from farhorizon.errors import InputError, ValidityWarning
+from farhorizon.files.results_layout import Caution
+from farhorizon.machine import progress
+from farhorizon.simulation.processes.process_group import ProcessGroup, agreed
+from farhorizon.simulation.time.steps import last_step
+
+MOST_STEPS = 2**53  # step numbers up to this one are exact in double precision
+
+
+class Clocked(Protocol):
+    """A run at some time."""
+
+    dt: float
+    time: float
+    step_count: int
+
+
+class Advancing(Clocked, Protocol):
+    """A run that can be advanced."""
+
+    stop_requested: bool
+    observers: list[Callable[[Any], None]]
+    cautions: list[Caution]
+    guard_steps: int
+    team: ProcessGroup
+
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` steps."""
+
+
+def advance_clock(run: Advancing, steps: int) -> None:
+    """Advance the clock of a run by a number of steps."""
+    run.step_count += steps
+    run.time = run.step_count * run.dt
+
+
+def warn_once(run: Advancing, brief: str, text: str) -> None:
+    """Warn, once for each reason, that the result of a run is doubtful from now on."""
+    if all(brief != caution.brief for caution in run.cautions):
+        run.cautions.append(Caution(run.time, brief, text))
+        warn(f"from t = {run.time:.6g} on {text}")
+
+
+def warn(text: str) -> None:
+    """Issue a `ValidityWarning` that points to the line which called the package, by whatever path."""
+    level, frame = 1, inspect.currentframe()
+    while frame and frame.f_globals.get("__name__", "").partition(".")[0] == "farhorizon":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, ValidityWarning, stacklevel=level)
+
+
+def checked_end(until: Any, dt: float) -> float:
+    """Return the end of a run; raises InputError if it is negative, not finite, or requires too many steps to count."""
+    until = kinds.number(until, "run.until", least=0)
+    if until > MOST_STEPS * dt:
+        raise InputError(
+            "the run has more steps than can be counted",
+            value=until,
+            limit=MOST_STEPS * dt,
+            key="run.until",
+            remedy=f"other units: a step is {dt:.3g}",
+        )
+    return until
+
+
+def check_ahead(run: Clocked, until: float, key: str) -> None:
+    """Raise InputError for an end that a run has passed; one that it has just reached is allowed."""
+    if last_step(until, run.dt) < run.step_count:
+        raise InputError(
+            "the run is already past this end",
+            value=until,
+            limit=f">= {run.time:g}, the present time",
+            key=key,
+            remedy="a later end, or a new run",
+        )
+
+
+def run_to_step(
+    run: Advancing,
+    last: int,
+    count: int | None,
+    show: bool | None,
+    ended: Callable[[], bool] | None = None,
+    check_every: int | None = None,
+) -> bool:
+    """Advance to a step; observers are called every `count` steps and at the end. Returns whether `ended`, which is
+    called every `check_every` steps, has ended the run earlier.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        `stop_requested` was set, on any process; the run is between two steps.
+    """
+    with progress(max(last - run.step_count, 0), show=show) as bar:
+        while run.step_count < last:
+            due = [(run.step_count // every + 1) * every for every in (count, check_every) if every is not None]
+            stop = min([last, *due])
+            while run.step_count < stop:
+                before = run.step_count
+                run.step(min(run.guard_steps, stop - run.step_count))
+                bar.update(run.step_count - before)
+                if run.step_count < stop and run.team.any(run.stop_requested):
+                    raise _interrupt(run.team)
+            over = ended is not None and check_every is not None and not run.step_count % check_every and ended()
+            if over or run.step_count == last or (count is not None and not run.step_count % count):
+                with run.team.agreed():
+                    for observer in run.observers:
+                        observer(run)
+            if over:
+                return True
+            if run.step_count < last and run.team.any(run.stop_requested):
+                raise _interrupt(run.team)
+    return False
+
+
+def _interrupt(team: ProcessGroup) -> KeyboardInterrupt:
+    """Return the error by which all processes end a run, and of which the first one tells."""
+    return agreed(KeyboardInterrupt(), told=team.number > 0)

@@ -1,0 +1,220 @@
+"""Supply of the engine with sources, conditions and prescribed values as time advances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.engine.settings import set_dependents
+from farhorizon.errors import InputError
+from farhorizon.inputs.sources import steady
+from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.setup.grid import Grid
+from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.time.source_terms import SourceTerm
+
+_TABLE = 1 << 20  # numbers in one table of source amplitudes
+_LARGEST_POWER = 700.0  # of e that is a finite number
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Steps that the engine has made, and the action of the sources in them.
+
+    Attributes
+    ----------
+    steps : int
+    places : ndarray of int, shape (n,)
+        Flat indices in the field at which sources act.
+    fields : ndarray, shape (j, n)
+    amplitudes : ndarray, shape (steps, stages, j)
+    """
+
+    steps: int
+    places: np.ndarray
+    fields: np.ndarray
+    amplitudes: np.ndarray
+
+
+class SourceTable:
+    """The drives of a run.
+
+    Parameters
+    ----------
+    near : NearField
+    grid : Grid
+    source_terms : sequence of SourceTerm
+        Sources, loads, conditions and incident waves.
+    phases : SolidAndLiquid or None
+        Phases of a corrosion: no source may act on metal.
+    scale : float
+        Largest value that the initial data explain.
+
+    Attributes
+    ----------
+    scale : float
+        Largest value that the initial data and all that has driven the run so far explain.
+    """
+
+    def __init__(
+        self,
+        near: NearField,
+        grid: Grid,
+        source_terms: Sequence[SourceTerm],
+        phases: SolidAndLiquid | None,
+        scale: float,
+    ) -> None:
+        self.near, self.grid, self.source_terms, self.phases, self.scale = near, grid, list(source_terms), phases, scale
+        self._nodes = grid.indices if self.source_terms else np.zeros(0, np.int64)
+        self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
+
+    def prescribe(self) -> None:
+        """Give the engine the nodes that conditions prescribe, with their values at the start."""
+        engine, table, near = self.grid.engine, self.near.conditions, self.grid.indices
+        set_dependents(engine, near[table.nodes], table.starts, near[table.references], table.weights)
+        if table.nodes.size:
+            fields = _rows(self._fields(table.source_terms, table.nodes.shape, 0, (0.0,)), np.arange(table.nodes.size))
+            amplitudes = self._amplitudes(table.source_terms, 0, (0.0,), np.ones((1, 1)), 1)
+            self.scale = max(self.scale, _largest(fields, amplitudes))
+            engine.set_dependent_values(amplitudes[0, 0] @ fields)
+
+    def hold(self, step: int) -> None:
+        """Tell the engine which nodes follow a prescribed value from a step on."""
+        self.grid.engine.hold(self.grid.indices[self.near.prescribed.held(step)])
+
+    def force(self, t: float) -> np.ndarray:
+        """Return the action of the sources at a time, in the shape of the field."""
+        total = np.zeros(self.near.field_shape)
+        for space, time in self.source_terms:
+            total += time(t) if space is None else space * time(t)
+        return total * self.near.model.source_factor
+
+    def advance(self, step: int, steps: int) -> Iterator[Batch]:
+        """Advance the engine by `steps` steps from number `step` on; yields each batch of them once it is computed."""
+        near, engine = self.near, self.grid.engine
+        dtype, stages, held = engine.dtype, len(engine.stages.numbers), near.conditions
+        if not self.source_terms and not held.nodes.size:
+            nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
+            engine.advance(steps, np.zeros(0, np.int64), nothing, still, self._prescribed(step, steps))
+            self._grow(steps)
+            yield Batch(steps, np.zeros(0, np.int64), nothing, still)
+            return
+        integrator = near.model.integrator
+        samples, weights = integrator.source_samples(near.dt)
+        prescribed_samples, held_weights = integrator.prescribed_samples(near.dt)
+        weights = weights * near.model.source_factor
+        general = any(space is None for space, _ in self.source_terms + held.source_terms)
+        count = len(self.source_terms + held.source_terms)
+        every = np.arange(held.nodes.size)
+        batch = 1 if general else max(1, min(steps, _TABLE // max(stages * count, 1)))
+        end = step + steps
+        while step < end:
+            n = min(batch, end - step)
+            places, strength = self._strengths(step, samples)
+            amplitudes = self._amplitudes(self.source_terms, step, samples, weights, n)
+            if general and self.phases is not None:
+                busy = np.zeros(near.lattice.shape, bool)
+                busy.ravel()[places] = True
+                self.phases.refuse_wet(busy)
+            values = _rows(self._fields(held.source_terms, held.nodes.shape, step, prescribed_samples), every)
+            times = self._amplitudes(held.source_terms, step, prescribed_samples, held_weights, n)
+            engine.advance(
+                n,
+                self._nodes[places],
+                strength.astype(dtype),
+                amplitudes.astype(dtype),
+                self._prescribed(step, n),
+                values.astype(dtype),
+                times.astype(dtype),
+            )
+            explained = _largest(strength, amplitudes) * n * near.dt
+            self.scale += explained * ((step + n) * near.dt if near.model.order == 2 else 1.0)
+            self.scale = max(self.scale, _largest(values, times))
+            self._grow(n)
+            yield Batch(n, places, strength, amplitudes)
+            step += n
+
+    def _grow(self, steps: int) -> None:
+        """Let the scale grow as the medium itself does in some steps."""
+        self.scale *= float(np.exp(min(self.near.growth * steps * self.near.dt, _LARGEST_POWER)))
+
+    def _prescribed(self, step: int, steps: int) -> np.ndarray | None:
+        """Return the values of prescribed nodes after each of the next steps; None if there are no such nodes."""
+        if not self.near.prescribed.constraints:
+            return None
+        values = self.near.prescribed.table(step, steps)
+        self.scale = max(self.scale, float(np.abs(values).max(initial=0)))
+        return values
+
+    def _strengths(self, step: int, samples: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return where in the field sources act in the next steps, shape (n,), and the strength of each there, shape
+        (j, n).
+
+        Sources that split into space and time stay where they are and are evaluated once.
+        """
+        if self._lasting is not None:
+            return self._lasting
+        fields = self._fields(self.source_terms, self.near.field_shape, step, samples)
+        busy = np.zeros(int(np.prod(self.near.field_shape)), bool)
+        for values in fields:
+            busy |= values != 0
+        places = np.flatnonzero(busy)
+        found = places, _rows(fields, places)
+        if all(space is not None for space, _ in self.source_terms):
+            self._lasting = found
+        return found
+
+    def _fields(
+        self, source_terms: Sequence[SourceTerm], shape: tuple[int, ...], step: int, samples: Sequence[float]
+    ) -> list[np.ndarray]:
+        """Return the fields of drives over nodes: one for each drive that splits into space and time, otherwise one for
+        each sample time of the next step.
+        """
+        start, found = self.near.dt * step, []
+        for space, time in source_terms:
+            if space is None:
+                found += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
+            else:
+                found.append(np.asarray(space, float).ravel())
+        return found
+
+    def _amplitudes(
+        self, source_terms: Sequence[SourceTerm], step: int, samples: Sequence[float], weights: np.ndarray, count: int
+    ) -> np.ndarray:
+        """Return the amplitudes of the fields in each stage of `count` steps from one on, shape (count, stages, j)."""
+        times = self.near.dt * (step + np.arange(count))
+        table: list[np.ndarray] = []
+        for space, time in source_terms:
+            if space is None:
+                table += [np.broadcast_to(weights[:, i], (1, len(weights))) for i in range(len(samples))]
+            elif time is steady:
+                table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
+            else:
+                values = np.array([[time(t + s) for s in samples] for t in times], float)
+                # a product of matrices may be rounded in another way if a run makes the same steps in other batches
+                table.append(sum(values[:, i, None] * weights[:, i] for i in range(len(samples))))
+        if not table:
+            return np.zeros((count, len(weights), 0))
+        amplitudes = np.stack(table, axis=-1)
+        wrong = ~np.isfinite(amplitudes).all(axis=(1, 2))
+        if wrong.any():
+            raise InputError(
+                "a source or condition is not finite",
+                value=f"t = {times[np.argmax(wrong)]:g}",
+                limit="no nan, no inf",
+                key="source",
+                remedy="where(t < ..., a, b) in an expression restricts it to where it is defined, or an earlier end",
+            )
+        return amplitudes
+
+
+def _rows(fields: Sequence[np.ndarray], places: np.ndarray) -> np.ndarray:
+    """Return the values of each field at some places, as one table."""
+    return np.stack([values[places] for values in fields]) if fields else np.zeros((0, places.size))
+
+
+def _largest(fields: np.ndarray, amplitudes: np.ndarray) -> float:
+    """Return the product of the largest field value and the largest amplitude, an estimate of the largest sum."""
+    return float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0))
