@@ -143,13 +143,14 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
         The candidate with the smallest error, if none of up to 60 nodes keeps the aim. With an unknown error, if no
         time was left for a comparison: a node more than the errors so far suggest.
     """
-    most, thick = thicker(MOST, apart), start
+    most, thick, errors = thicker(MOST, apart), start, [(0, 1.0)]
+    best = of_nodes(families, min(start, most))
     while True:
         thick = min(thick, most)
-        first = of_nodes(families, thick)
+        reference = best if best.layer(thick) is not None else of_nodes(families, thick)
         likely = min(thinner(thick, apart) + 1, MOST)
         unknown = Found(of_nodes(families, likely), likely, np.nan, False)
-        if not trials.reference(first, thick):
+        if not trials.reference(reference, thick):
             return unknown
         found = _first_below(families, trials, aim, thinner(thick, apart), _HOPELESS * aim)
         if found is None:
@@ -158,12 +159,20 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
             return _refined(families, trials, aim, found)
         if thick == most:
             every = [(family, layer.columns) for family in families if (layer := family.thickest(MOST)) is not None]
-            errors = [trials.error(family, nodes, np.inf) for family, nodes in every]
-            family, nodes = every[int(np.argmin(errors))]
-            return Found(family, nodes, min(errors), False)
+            least = [trials.error(family, nodes, np.inf) for family, nodes in every]
+            family, nodes = every[int(np.argmin(least))]
+            return Found(family, nodes, min(least), False)
         # from the thickest candidate: where all differ alike from the reference, the error is that of the reference
-        ahead = thinner(thick, apart) * _decades(aim / 2) / _decades(max(found.error, aim))
-        thick = int(np.clip(thicker(int(np.ceil(min(ahead, most))), apart), thick + 1, _MOST_AHEAD * thick))
+        errors.append((thinner(thick, apart), max(found.error, aim)))
+        thick = int(np.clip(thicker(_likely(errors, aim, most), apart), thick + 1, _MOST_AHEAD * thick))
+        best = found.family  # a reference of the worse family would hide how good the better one is
+
+
+def _likely(errors: list[tuple[int, float]], aim: float, most: int) -> int:
+    """The nodes with which the error falls to half of the aim, if it goes on to fall as in the last two rounds."""
+    (before, larger), (nodes, error) = errors[-2:]
+    fall = np.log(larger / error) / (nodes - before)
+    return nodes + int(np.ceil(min(np.log(error / (aim / 2)) / max(fall, 1e-3), most)))
 
 
 def of_nodes(families: list[Family], nodes: int) -> Family:
@@ -194,9 +203,11 @@ def _first_below(families: list[Family], trials: Trials, aim: float, nodes: int,
 def _refined(families: list[Family], trials: Trials, aim: float, good: Found) -> Found:
     """The thinnest candidate that is below the aim, where one with more nodes is."""
     low, error = 1, 1.0
+    families = families[families.index(good.family) :]  # those before it failed with more nodes
     while good.nodes - low > max(1, good.nodes // _FEWER):
         ahead = np.log(error / (aim / 2)) / np.log(max(error, 2 * aim) / max(min(good.error, aim / 2), 1e-300))
-        nodes = int(np.clip(low + np.ceil((good.nodes - low) * ahead), low + 1, good.nodes - 1))
+        # rather too thin, since trials of layers that miss end early
+        nodes = int(np.clip(low + np.ceil((good.nodes - low) * min(ahead, 0.5)), low + 1, good.nodes - 1))
         found = _first_below(families, trials, aim, nodes, aim)
         if found is None:
             return good
@@ -205,11 +216,6 @@ def _refined(families: list[Family], trials: Trials, aim: float, good: Found) ->
         else:
             low, error = nodes, found.error
     return good
-
-
-def _decades(error: float) -> float:
-    """How much a layer without nodes would have to improve, in the logarithm."""
-    return max(-float(np.log(min(error, 1.0))), 0.1)
 
 
 class NotKept(InputError):

@@ -31,6 +31,7 @@ LASTING = 10  # length of a run of diffusion if it is not known, in R^2/diffusiv
 # waves
 _ROUNDED = 1e-4, 2e-6
 _BESIDE = 0.03  # part of the target that data may have at the sides of a smaller copy
+_ENOUGH = 8  # trials for which a smaller copy leaves time: three references, and candidates
 _MEASURE = "'farhorizon compare' measures it"
 
 _PROGRAM = (
@@ -111,14 +112,14 @@ def _smaller(trials: TrialRuns) -> TrialRuns | None:
         return None
     first, last = (np.array([h[end] for h in held]) for end in (0, -1))
     least = np.array(near.stencil.reach) + 2
-    for part in 0.5 ** np.arange(1, 8):
+    for part in 0.7 ** np.arange(1, 15):
         low = np.maximum(0, first - np.maximum(least, np.ceil(part * first)).astype(int))
         high = np.minimum(shape - 1, last + np.maximum(least, np.ceil(part * (shape - 1 - last))).astype(int))
         if not (high - low + 1).prod() < 0.7 * shape.prod():
             return small
         until = trials.until * ((high - low + 1).max() / shape.max()) ** (3 - near.model.order)
         small = _cropped(trials, low, high, until)
-        if small is None or small.tried == until:
+        if small is None or _ENOUGH * small.expected_seconds <= trials.allowed:
             return small
     return small
 
@@ -167,7 +168,7 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
     wanted = max(asked, rounded)  # of what rounding exceeds, trials show nothing
     trials = TrialRuns(tried, keys, wanted, until)
     usual = TrialRuns(tried, keys, wanted, max(until, default_length(run.parts.near)))
-    if not any(run.sides[key].until for key in keys) and usual.tried == usual.until and usual.allowed == SECONDS:
+    if not any(run.sides[key].until for key in keys) and usual.brief:
         trials, until = usual, usual.until
     small = None if trials.tried == until else _smaller(trials)
     used = trials if small is None else small

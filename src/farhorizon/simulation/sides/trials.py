@@ -31,14 +31,12 @@ from farhorizon.simulation.time.steps import last_step
 #: Crossings of the near field for which layers for waves are chosen where the length of the run is not known, and
 #: beyond which waves that return late count.
 CROSSINGS = 20
-#: Trials take as long as `_RUNS` runs, or as many seconds if that is more; where a run takes longer than `_LONG`, a
-#: part of its time, and twenty seconds at most. Seconds are counted operations of a typical core.
+#: Trials take as long as `_RUNS` runs, but `SECONDS` if that is more and `_MOST_SECONDS` if that is less; where a run
+#: takes long, a part of its time. Seconds are counted operations of a typical core. Nine runs are three references,
+#: each with candidates of two families: with half as many, trials of some runs end early, and one choice in twenty
+#: missed its target.
 SECONDS = 2.0
-_RUNS, _LONG, _PART, _MOST_SECONDS = 3.0, 10.0, 0.25, 20.0
-# the same where usual layers turn out too thin: three references, each with candidates of two families, which have
-# three quarters of its nodes. With half of these limits, trials of many runs end early or not at all, and one choice in
-# twenty missed its target
-_THICKER = 9
+_RUNS, _MOST_SECONDS, _PART = 9, 20.0, 0.25
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
 # needs for an exponential
@@ -69,6 +67,11 @@ class _Record(NamedTuple):
 
     fields: np.ndarray
     sizes: np.ndarray
+
+
+def _allowed(seconds: float) -> float:
+    """Seconds that the trials of a run may take which takes some seconds itself."""
+    return max(float(np.clip(_RUNS * seconds, SECONDS, _MOST_SECONDS)), _PART * seconds)
 
 
 @dataclass
@@ -224,14 +227,15 @@ class TrialRuns:
         """Length of the trials: that of the run, or shorter where the run takes long."""
         return self.until * min(1.0, self.allowed / (_TRIALS * self.expected_seconds))
 
-    @cached_property
+    @property
     def allowed(self) -> float:
         """Seconds of a typical core that all trials may take."""
-        if self.budget is not None:
-            return self.budget
-        return float(
-            np.clip((_RUNS if self.expected_seconds < _LONG else _PART) * self.expected_seconds, SECONDS, _MOST_SECONDS)
-        )
+        return _allowed(self.expected_seconds) if self.budget is None else self.budget
+
+    @property
+    def brief(self) -> bool:
+        """Whether trials take no more time than any may."""
+        return _TRIALS * self.expected_seconds <= SECONDS
 
     @cached_property
     def expected_seconds(self) -> float:
@@ -298,8 +302,9 @@ class TrialRuns:
         does not count. Where the layers turn out so thick that the run takes longer, so may the trials.
         """
         layers = self._layers_of(sides)
-        before, whole = self.spent + self._seconds(layers, trial), self._seconds(layers, self.until)
-        return before <= self.allowed or (whole < _LONG and before <= _THICKER * whole)
+        return self.spent + self._seconds(layers, trial) <= max(
+            self.allowed, _allowed(self._seconds(layers, self.until))
+        )
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
