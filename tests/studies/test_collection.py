@@ -162,11 +162,11 @@ def test_all_published_items_are_there():
 
 
 def test_the_documents_name_what_there_is():
-    """Every entry is in the table of docs/explanation/published.md, with ranges expanded, and no entry or figure that
+    """Every entry is in the table of docs/evidence/published.md, with ranges expanded, and no entry or figure that
     does not exist is named there or in the README.
     """
     root = Path(__file__).parents[2]
-    text = "".join((root / name).read_text(encoding="utf-8") for name in ("docs/explanation/published.md", "README.md"))
+    text = "".join((root / name).read_text(encoding="utf-8") for name in ("docs/evidence/published.md", "README.md"))
     named = set(re.findall(r"\b(?:ji2021|hermann2023|shojaei2020|wildman2012|bobaru2010)-[\w-]+", text))
     for first, last in re.findall(r"`([\w-]+\d)` to `([\w-]+\d)`", text):
         stem = first.rstrip("0123456789")

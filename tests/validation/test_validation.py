@@ -182,7 +182,7 @@ def test_fronts_of_steel():
 
 
 def test_the_documents_name_what_there_is():
-    text = (DOCS / "explanation" / "validation.md").read_text(encoding="utf-8")
+    text = (DOCS / "evidence" / "validation.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE)) == set(VALIDATIONS.entries())
 
 
