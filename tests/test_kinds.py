@@ -278,6 +278,8 @@ RIGHT = {
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "LeastSquares": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
+    "Envelope": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
+    "TravelTime": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
     "OwnMisfit": {"receivers": fh.Receivers([0.0]), "function": lambda records, times: (0.0, {})},
     "gradient": {
         "setup": STILL,
@@ -357,7 +359,7 @@ RIGHT = {
 }
 # results, which are not made by hand, names of materials, and base classes
 NOT_MADE = {"Certificate", "Gradient", "Inversion", "materials", "LatticeModel"} | {
-    *("Load", "Misfit", "Shape", "Side", "Signal")
+    *("Load", "Misfit", "DataMisfit", "Shape", "Side", "Signal")
 }
 
 

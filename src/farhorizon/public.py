@@ -77,9 +77,12 @@ from farhorizon.inverse.gradient import gradient as gradient
 from farhorizon.inverse.image import image as image
 from farhorizon.inverse.invert import Inversion as Inversion
 from farhorizon.inverse.invert import invert as invert
+from farhorizon.inverse.misfits import DataMisfit as DataMisfit
+from farhorizon.inverse.misfits import Envelope as Envelope
 from farhorizon.inverse.misfits import LeastSquares as LeastSquares
 from farhorizon.inverse.misfits import Misfit as Misfit
 from farhorizon.inverse.misfits import OwnMisfit as OwnMisfit
+from farhorizon.inverse.misfits import TravelTime as TravelTime
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials

@@ -106,6 +106,8 @@ def good():
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
         "LatticePML": {},
         "LeastSquares": {"receivers": fh.Receivers([(0.0, 0.0)]), "data": np.zeros((3, 1))},
+        "Envelope": {"receivers": fh.Receivers([(0.0, 0.0)]), "data": np.zeros((3, 1))},
+        "TravelTime": {"receivers": fh.Receivers([(0.0, 0.0)]), "data": np.zeros((3, 1))},
         "OwnMisfit": {"receivers": fh.Receivers([(0.0, 0.0)]), "function": _nothing},
         "LineSource": {"points": [(-0.5, 0.0), (0.5, 0.0)], "strength": 1.0, "interpolation": "linear"},
         "Elements": {"elements": (np.vstack([np.zeros(3), np.eye(3)]), [(0, 1, 2, 3)])},
@@ -187,6 +189,7 @@ NOT_CALLED = {
     "Gradient",
     "Inversion",
     "Misfit",
+    "DataMisfit",
     *("gradient", "image", "invert"),  # tests/test_kinds.py gives them arguments of other types
     "FarhorizonError",
     "FileFormatError",
