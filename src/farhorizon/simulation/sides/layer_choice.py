@@ -31,6 +31,9 @@ LASTING = 10  # length of a run of diffusion if it is not known, in R^2/diffusiv
 # waves
 _ROUNDED = 1e-4, 2e-6
 _BESIDE = 0.03  # part of the target that data may have at the sides of a smaller copy
+# nodes between data and a side over the length of that side, below which waves run almost along it; crossings after
+# which they have passed it
+_BESIDE_LONG, _PASSING = 0.25, 1.5
 _ENOUGH = 8  # trials for which a smaller copy leaves time: three references, and candidates
 _MEASURE = "'farhorizon compare' measures it"
 
@@ -91,11 +94,12 @@ def _in_place_of(run: Any) -> tuple[list[Any], str]:
 
 
 def _smaller(trials: TrialRuns) -> TrialRuns | None:
-    """Return trials on a copy whose sides are nearer to the data, in proportion, with as many crossings of the near
-    field; the largest copy whose trials take no more time than those of the run may. None where anything but initial
-    data in a uniform medium drives the run, or where nothing is gained.
+    """Return trials on a smaller copy of the near field. None where anything but initial data in a uniform medium
+    drives the run, or where nothing is gained.
 
-    A wave arrives at the nearer sides under the same angles and larger, so that its errors are larger, too.
+    Data in the middle reach the sides of a copy, which are nearer to them in proportion, under the same angles, so that
+    it serves for as many crossings. Beside a long side near to the data waves run almost along it, and how much of them
+    a layer reflects depends on the distance itself and on the length of the side: the copy is a strip along it.
     """
     run, near = trials.run, trials.near
     given = run.setup
@@ -106,27 +110,44 @@ def _smaller(trials: TrialRuns) -> TrialRuns | None:
     for values in (run.start_u, run.start_v):
         size = near.size(np.abs(values))
         busy |= size > _BESIDE * trials.wanted * max(float(size.max()), 1e-300)
-    small = None
-    held = [np.flatnonzero(np.moveaxis(busy, a, 0).reshape(n, -1).any(1)) for a, n in enumerate(shape)]
     if not busy.any():
         return None
-    first, last = (np.array([h[end] for h in held]) for end in (0, -1))
+    held = [np.flatnonzero(np.moveaxis(busy, a, 0).reshape(n, -1).any(1)) for a, n in enumerate(shape)]
+    room = np.array([(places[0], n - 1 - places[-1]) for places, n in zip(held, shape, strict=True)])
+    open_axes = [a for a in range(len(shape)) if {(a, -1), (a, 1)} <= set(trials.keys)]
+    if not open_axes:
+        return None
     least = np.array(near.stencil.reach) + 2
+    axis = min(open_axes, key=lambda a: room[a].min())
+    along = max((int(room[a].max()) for a in range(len(shape)) if a != axis), default=0)
+    if near.model.order == 2 and max(room[axis].min(), least[axis]) < _BESIDE_LONG * along:
+        beside = room.copy()
+        beside[axis] = np.minimum(room[axis], max(2 * room[axis].min(), least[axis]))
+        strip = _cropped(trials, held, beside, trials.until, _PASSING * near.slow_crossing)
+        if strip is not None and strip.tried == strip.longest:
+            return strip
+    small = None
     for part in 0.7 ** np.arange(1, 15):
-        low = np.maximum(0, first - np.maximum(least, np.ceil(part * first)).astype(int))
-        high = np.minimum(shape - 1, last + np.maximum(least, np.ceil(part * (shape - 1 - last))).astype(int))
-        if not (high - low + 1).prod() < 0.7 * shape.prod():
+        nearer = room.copy()
+        for a in open_axes:
+            nearer[a] = np.minimum(room[a], np.maximum(least[a], np.ceil(part * room[a])).astype(int))
+        sizes = np.array([places[-1] - places[0] + 1 for places in held]) + nearer.sum(1)
+        if not sizes.prod() < 0.7 * shape.prod():
             return small
-        until = trials.until * ((high - low + 1).max() / shape.max()) ** (3 - near.model.order)
-        small = _cropped(trials, low, high, until)
+        until = trials.until * (sizes.max() / shape.max()) ** (3 - near.model.order)
+        small = _cropped(trials, held, nearer, until)
         if small is None or _ENOUGH * small.expected_seconds <= trials.allowed:
             return small
     return small
 
 
-def _cropped(trials: TrialRuns, low: np.ndarray, high: np.ndarray, until: float) -> TrialRuns | None:
-    """Return trials on a part of the near field, given by its first and last nodes."""
+def _cropped(
+    trials: TrialRuns, held: list[np.ndarray], room: np.ndarray, until: float, longest: float = np.inf
+) -> TrialRuns | None:
+    """Return trials on a part of the near field, given by the places of the data and the nodes beside them."""
     run, near = trials.run, trials.near
+    low = np.array([places[0] for places in held]) - room[:, 0]
+    high = np.array([places[-1] for places in held]) + room[:, 1]
     part = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
     lower = near.lattice.lower + near.lattice.spacing * low
     lattice = Lattice(near.lattice.spacing, lower, lower + near.lattice.spacing * (high - low))
@@ -134,7 +155,7 @@ def _cropped(trials: TrialRuns, low: np.ndarray, high: np.ndarray, until: float)
     initial |= {"v": run.start_v[(..., *part)]} if near.model.order == 2 else {}
     try:
         small = run.remade(lattice=lattice, initial=initial, boundary=run.parts.layered.as_given())
-        return TrialRuns(small, trials.keys, trials.wanted, until, trials.allowed)
+        return TrialRuns(small, trials.keys, trials.wanted, until, trials.allowed, longest)
     except InputError:
         return None
 

@@ -90,6 +90,8 @@ class TrialRuns:
         Length of the run.
     budget : float, optional
         Seconds of a typical core that all trials may take, where it does not follow from this run.
+    longest : float, optional
+        Length of a trial within which all that a smaller near field shows has happened.
     """
 
     run: Any
@@ -97,6 +99,7 @@ class TrialRuns:
     wanted: float
     until: float
     budget: float | None = None
+    longest: float = np.inf
     spent: float = 0.0
     _reference: _Record | None = None
     _layers: dict[tuple[Key, str, int], Layer | None] = field(default_factory=dict)
@@ -225,7 +228,7 @@ class TrialRuns:
     @cached_property
     def tried(self) -> float:
         """Length of the trials: that of the run, or shorter where the run takes long."""
-        return self.until * min(1.0, self.allowed / (_TRIALS * self.expected_seconds))
+        return min(self.longest, self.until * min(1.0, self.allowed / (_TRIALS * self.expected_seconds)))
 
     @property
     def allowed(self) -> float:
