@@ -187,6 +187,31 @@ def test_long_runs_are_tried_for_a_part_of_their_time(monkeypatch):
     assert part.thickness["x-"].nodes >= whole.thickness["x-"].nodes - 1
 
 
+@pytest.mark.parametrize(("place", "copied"), [((-86.0, -30.0), "strip"), ((10.0, 5.0), "in proportion")])
+def test_smaller_near_fields_show_what_layers_reflect(monkeypatch, tmp_path, place, copied):
+    """Beside a long side near to the data, where a copy in proportion would show a tenth of it, and in the middle."""
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
+    monkeypatch.setattr(trials, "SECONDS", 0.1)
+    monkeypatch.setattr(trials, "_MOST_SECONDS", 0.1)
+    lattice = fh.Lattice(1.0, (-100.0, -120.0), (100.0, 120.0))
+    pulse = {"u": f"exp(-((x-{place[0]})**2 + (y-{place[1]})**2)/9)"}
+
+    def plate(boundary):
+        return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), boundary, pulse)
+
+    made, real = [], layer_choice._cropped
+    monkeypatch.setattr(layer_choice, "_cropped", lambda *what: made.append(real(*what)) or made[-1])
+    sim, better = plate(fh.LatticePML(target=1e-3, until=1200.0)), plate(fh.LatticePML(nodes=30))
+    shape = made[-1].run.lattice.shape
+    assert (shape[1] == 241 and shape[0] < 60) if copied == "strip" else max(shape) < 180
+    worst = 0.0
+    for _ in range(60):
+        sim.run(until=sim.time + 10.0)
+        better.step(sim.step_count - better.step_count)
+        worst = max(worst, float(np.abs(sim.fields["u"] - better.fields["u"]).max()))
+    assert 1e-7 < worst < 1e-3
+
+
 def test_a_choice_counts_operations(monkeypatch):
     """The clock and the load play no part: what a trial costs follows from its nodes and steps."""
     sim = fh.Simulation(LATTICE, WAVE, fh.LatticePML(target=1e-5), PULSE)
