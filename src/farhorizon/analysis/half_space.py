@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from farhorizon.analysis.layers.reflection import chain_roots, chain_weights
+from farhorizon.analysis.layers.chain_modes import chain_roots, chain_weights
 from farhorizon.errors import InputError
 from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil

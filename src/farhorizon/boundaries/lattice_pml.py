@@ -21,8 +21,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon import kinds
-from farhorizon.analysis.layers.choice import Profile, weak
-from farhorizon.analysis.layers.gain import largest_gain
+from farhorizon.analysis.layers.profiles import Profile, largest_gain, weak
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.arguments import Duration
 from farhorizon.boundaries.side import Side, checked_target
