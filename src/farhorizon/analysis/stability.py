@@ -39,16 +39,7 @@ _PIECE = 1000  # steps of noise between which an interrupt takes effect
 
 
 class Allowance:
-    """Operations that an examination may still perform, in seconds of a typical core.
-
-    Parameters
-    ----------
-    seconds : float
-
-    Attributes
-    ----------
-    left, used : float
-    """
+    """Operations that an examination may still perform, in seconds of a typical core."""
 
     def __init__(self, seconds: float) -> None:
         self.left, self.used = seconds, 0.0
@@ -76,26 +67,17 @@ def eigenvalue_seconds(size: int) -> float:
 
 @dataclass(frozen=True)
 class Growth:
-    """What is known of the fastest growing mode of a map.
+    """What is known of the fastest growing mode of a map."""
 
-    Attributes
-    ----------
-    rate : float
-        Growth per crossing, (|factor| - 1)/dt; negative if the mode decays.
-    error : float
-        Bound on the error of the rate.
-    factor : complex
-        Factor of the mode per step.
-    mode : ndarray of complex
-        The growing state; empty if it was not requested.
-    hidden : float
-        Growth per crossing that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
-    """
-
+    #: Growth per crossing, (|factor| - 1)/dt; negative if the mode decays.
     rate: float
+    #: Bound on the error of the rate.
     error: float
+    #: Factor of the mode per step.
     factor: complex
+    #: The growing state; empty if it was not requested.
     mode: np.ndarray
+    #: Growth per crossing that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
     hidden: float = 0.0
 
     @property
@@ -111,42 +93,31 @@ class Growth:
         return float(abs(np.angle(self.factor)))
 
 
-def fastest(found: Sequence[Growth]) -> Growth:
+def fastest(results: Sequence[Growth]) -> Growth:
     """The result that decides: the fastest certain growth, or else that with the largest sum of rate and error."""
-    growing = [g for g in found if g.stable is False]
-    return max(growing, key=lambda g: g.rate) if growing else max(found, key=lambda g: g.rate + g.error)
+    growing = [g for g in results if g.stable is False]
+    return max(growing, key=lambda g: g.rate) if growing else max(results, key=lambda g: g.rate + g.error)
 
 
 def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
-    """Fastest mode of a map that is given as a matrix, from its eigenvalues.
+    """Fastest mode of a map that is given as a matrix, from its eigenvalues; dt is in crossings.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        The map of one step.
-    dt : float
-        Time step in crossings.
-
-    Returns
-    -------
-    Growth
-        Its error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its
-        transpose.
+    The error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its transpose.
     """
     if np.iscomplexobj(matrix) and np.abs(matrix.imag).max(initial=0) <= 1e-15 * np.abs(matrix).max(initial=0):
         matrix = matrix.real
     factors = linalg.eigvals(matrix, check_finite=False)
     order = np.argsort(-np.abs(factors))
     size = np.linalg.norm(matrix)
-    found: list[Growth] = []
+    growths: list[Growth] = []
     # among factors equally close to 1, an ill-conditioned one decides
     for factor in factors[order[: min(4, len(order))]]:
-        if found and abs(factor) < 1 - _CLEAR:
+        if growths and abs(factor) < 1 - _CLEAR:
             break
         right, left = _eigenvectors(matrix, factor)
         error = 4 * np.finfo(float).eps * size / max(abs(np.vdot(left, right)), 1e-300)
-        found.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))
-    return fastest(found)
+        growths.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))
+    return fastest(growths)
 
 
 def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -177,38 +148,17 @@ def krylov_growth(
     seed: int = 0,
     subspace: int = _VECTORS,
 ) -> Growth:
-    """Fastest mode of a map that can only be applied, from white noise.
+    """Fastest mode of a map that can only be applied, from white noise: `advance` maps a state and a number of steps to
+    the state after these steps, each of which takes `cost` seconds on a typical core.
 
     Noise runs for 20 crossing times; then Krylov spaces of ever higher powers of the map are built: in a high power the
     decaying part has disappeared, and few vectors separate the rest. Near the factor 1, slowly decaying modes may be
     too close to each other for that. Noise then runs on to 120 crossing times, and if its size decreases over the last
     third of them, that is the result.
 
-    Parameters
-    ----------
-    advance : callable
-        Maps a state and a number of steps to the state after these steps.
-    size : int
-        Size of a state.
-    dt : float
-        Time step in crossings.
-    crossing : int
-        Number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the whole domain
-        of the map, layers included.
-    cost : float
-        Seconds that a step takes on a typical core.
-    allowance : Allowance
-        Where it is used up, the examination ends.
-    seed : int
-        Of the noise.
-    subspace : int
-        Largest number of vectors in a Krylov space.
-
-    Returns
-    -------
-    Growth
-        Its error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and
-        infinite if the allowance was used up.
+    `crossing` is the number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the
+    whole domain of the map, layers included; dt is in crossings. The error is that of the eigenvalue problem's
+    residual, 0 with `hidden` set where a long run decides, and infinite if the allowance was used up.
     """
     unknown = Growth(0.0, np.inf, 1.0, np.zeros(0))
     noise = _Noise(advance, size, dt, crossing, cost, seed)
@@ -247,50 +197,36 @@ def noise_growth(
     seed: int = 0,
 ) -> tuple[Growth | None, float]:
     """Growth seen in a short run from white noise, of a map that can only be applied: a cheap test, before anything
-    else is examined.
+    else is examined. Returns the growth, and the crossing times for which noise ran without growth, 0 if it still rose
+    when the allowance was used up.
 
-    Parameters
-    ----------
-    advance, size, dt, crossing, cost, seed
-        As for `krylov_growth`.
-    allowance : Allowance
-        For what follows where noise rises.
-    short : Allowance
-        For the short run itself.
-    crossings : float
-        Length of the run in question, in crossing times of the domain of the map; noise runs for as long, but at most
-        ten crossing times.
-
-    Returns
-    -------
-    Growth or None
-        Noise that rises over the last third of the run is continued, and a Krylov space of the map distinguishes growth
-        from a transient. None if no growth is seen, or if the allowance was used up before it was certain.
-    float
-        Crossing times for which noise ran without growth; 0 if it still rose when the allowance was used up.
+    Noise runs as long as the run in question, `crossings`, but at most ten crossing times, within the allowance
+    `short`. Where it rises over the last third it is continued, within `allowance`, and a Krylov space of the map
+    distinguishes growth from a transient. The growth is None if none is seen, or if the allowance was used up before it
+    was certain.
     """
-    share = min(crossings / SHORT, 1.0)
-    piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is sampled as often
+    fraction = min(crossings / SHORT, 1.0)
+    piece = max(1, int(np.ceil(crossing * fraction)))  # a shorter run is sampled as often
     noise = _Noise(advance, size, dt, piece, cost, seed)
-    whole = noise.run(SHORT, short)
+    complete = noise.run(SHORT, short)
     if noise.explosion() is not None:
         return noise.explosion(), 0.0
     length = len(noise.sizes) - 1
     # soon after the start noise may grow in proportion to time, because its velocities are those of short waves
-    least = 1.0 if whole and share == 1 else _RISES
+    least = 1.0 if complete and fraction == 1 else _RISES
     # few vectors cannot separate modes that nearly coincide, such as those of a drift
     if size <= DENSE and noise.rise() > least:
-        found = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
-        if found.stable is not None:
-            return (None if found.stable else found), length * share
+        growth = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
+        if growth.stable is not None:
+            return (None if growth.stable else growth), length * fraction
     while noise.rise() > least and allowance.take(_VECTORS * crossing * cost):
-        found, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
-        if found.stable is False and found.error < _SURE * found.rate:
-            return found, length * share
+        growth, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
+        if growth.stable is False and growth.error < _SURE * growth.rate:
+            return growth, length * fraction
         length *= 2
         if not noise.run(length, allowance):
             return noise.explosion(), 0.0
-    return None, length * share if noise.rise() <= least else 0.0
+    return None, length * fraction if noise.rise() <= least else 0.0
 
 
 class _Noise:
@@ -364,22 +300,22 @@ def _arnoldi(
         image = apply(basis[k])
         for _ in range(2):  # twice, for orthogonality to rounding
             for j, b in enumerate(basis):
-                share = float(b @ image)
-                projected[j, k] += share
-                image = image - share * b
-        rest = float(np.linalg.norm(image))
-        projected[k + 1, k] = rest
-        last = k + 1 == subspace or rest < 1e-14
+                part = float(b @ image)
+                projected[j, k] += part
+                image = image - part * b
+        remainder = float(np.linalg.norm(image))
+        projected[k + 1, k] = remainder
+        last = k + 1 == subspace or remainder < 1e-14
         if last or (k % 4 == 3 and k + 1 >= least):
-            found = _leading(projected[: k + 1, : k + 1], rest, basis, power, dt)
-            if last or found.stable is not None:
+            growth = _leading(projected[: k + 1, : k + 1], remainder, basis, power, dt)
+            if last or growth.stable is not None:
                 break
-        basis.append(image / rest)
-    parts = found.mode.real, found.mode.imag
-    return found, max(parts, key=lambda p: float(np.linalg.norm(p)))
+        basis.append(image / remainder)
+    parts = growth.mode.real, growth.mode.imag
+    return growth, max(parts, key=lambda p: float(np.linalg.norm(p)))
 
 
-def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
+def _leading(projected: np.ndarray, remainder: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
     """Largest eigenvalue of a power of a map in a Krylov space; the error is ten times the residual times the condition
     number.
     """
@@ -387,6 +323,6 @@ def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], po
     i = int(np.argmax(np.abs(values)))
     size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]
     condition = np.linalg.norm(x) * np.linalg.norm(y) / max(abs(np.vdot(y, x)), 1e-300)
-    residual = max(rest * abs(x[-1]) / np.linalg.norm(x), 1e-15)
+    residual = max(remainder * abs(x[-1]) / np.linalg.norm(x), 1e-15)
     error = np.log1p(min(10 * condition * residual / size, 1e300)) / (power * dt)
     return Growth(float(np.log(size) / (power * dt)), float(error), complex(size ** (1 / power)), np.array(basis).T @ x)

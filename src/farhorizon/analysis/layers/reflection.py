@@ -2,7 +2,8 @@
 equations of a lattice PML itself.
 
 Near field, layer and memory of the side obey ``z x = G x`` with the map G of one step; their solution must continue in
-the incoming wave and the modes that leave (`farhorizon.analysis.layers.chain_modes`). A side converts P into S waves and back.
+the incoming wave and the modes that leave (`farhorizon.analysis.layers.chain_modes`). A side converts P into S
+waves and back.
 
 In a lattice PML the columns along the normal hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a
 factor z per step the recursion over the edge p between columns p and p + 1, with the stretch ``g = kappa +
