@@ -231,7 +231,7 @@ def all_around(dim: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class ArrivingPlane:
-    """The spectrum of a plane wave at one frequency, for unit spacing: the sum of the B branches that it consists of."""
+    """The spectrum of a plane wave at one frequency, for unit spacing: the sum of its B branches."""
 
     amplitudes: np.ndarray  # at the origin, with time dependence ``exp(-i omega t)``
     wave_vectors: np.ndarray

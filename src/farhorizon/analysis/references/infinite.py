@@ -22,16 +22,8 @@ def largest_speed(stencil: Stencil) -> float:
 
 
 def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
-    """Nodes by which a domain must be larger on each open side so that nothing returns to the near field.
-
-    Parameters
-    ----------
-    stencil : Stencil
-    rate : float
-        The largest ``coefficient / spacing^2``.
-    order : {1, 2}
-        Order of the equation in time.
-    until : float
+    """Nodes by which a domain must be larger on each open side so that nothing returns to the near field until the end
+    of a run; `rate` is the largest ``coefficient / spacing^2``.
     """
     distance = 0.5 * until * np.sqrt(rate) * largest_speed(stencil) if order == 2 else 6 * np.sqrt(rate * until)
     distance += stencil.drift * rate * until
@@ -39,28 +31,12 @@ def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
 
 
 class InfiniteLattice:
-    """States of the scheme on the infinite lattice, for data that vanish outside a box.
+    """States of the scheme on the infinite lattice after up to `last` steps, for initial values u (less the background)
+    and v that vanish outside a box; for vectors the components come first.
 
     The update is diagonal in Fourier space; the periodic box is so large that nothing that wraps around returns in time
-    (waves) or exceeds rounding (diffusion).
-
-    Parameters
-    ----------
-    stencil : Stencil
-    rate : float
-        Factor on the stencil, ``coefficient / spacing^2``.
-    integrator : Verlet, Euler or RungeKutta4
-    dt : float
-    last : int
-        Largest number of steps that will be requested.
-    u, v : ndarray
-        Initial values (less the background) and velocities; for vectors the components come first.
-    damping : float
-
-    Raises
-    ------
-    InputError
-        The time is so late that the box does not fit into memory.
+    (waves) or exceeds rounding (diffusion); an InputError if it does not fit into memory. `rate` is the factor on the
+    stencil, ``coefficient / spacing^2``.
     """
 
     def __init__(
@@ -112,8 +88,8 @@ class InfiniteLattice:
 
     def _transform(self, field: np.ndarray) -> np.ndarray:
         """Fourier coefficients; for vectors those of the modes."""
-        found = fft.rfftn(field, self.box, axes=range(-len(self.box), 0))
-        return found if self.modes is None else np.einsum("...ij,i...->j...", self.modes.conj(), found)
+        coefficients = fft.rfftn(field, self.box, axes=range(-len(self.box), 0))
+        return coefficients if self.modes is None else np.einsum("...ij,i...->j...", self.modes.conj(), coefficients)
 
     def after(self, steps: int) -> np.ndarray:
         """The state after a number of steps, in the shape of the data."""
