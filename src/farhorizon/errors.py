@@ -135,13 +135,13 @@ def nearest(word: str, words: Iterable[str]) -> list[str]:
     >>> nearest("plane-wave", ["rayleigh-wave"]), nearest("reyleigh-wave", ["rayleigh-wave"])
     ([], ['rayleigh-wave'])
     """
-    return [one for one in difflib.get_close_matches(word, list(words), 3, 0.6) if _is_like(word, one)][:1]
+    return [match for match in difflib.get_close_matches(word, list(words), 3, 0.6) if _is_like(word, match)][:1]
 
 
 def _is_like(word: str, other: str) -> bool:
     """Whether two names are similar, or one only lacks parts of the other, apart from the parts that both have."""
-    given, known = (re.split("[-_. ]", one.lower()) for one in (word, other))
-    rests = [[part for part in one if part not in both] for one, both in ((given, known), (known, given))]
+    given, known = (re.split("[-_. ]", name.lower()) for name in (word, other))
+    rests = [[part for part in parts if part not in common] for parts, common in ((given, known), (known, given))]
     left, right = ("-".join(rest) for rest in rests)
     return not left or not right or difflib.SequenceMatcher(None, left, right).ratio() >= 0.6
 

@@ -130,6 +130,6 @@ class Higdon(Closing):
             columns[:, :, steps] = np.arange(size) * len(fringe.points) + places[:, None]
         rows = np.repeat(np.arange(len(halo)), size**2)
         data = np.broadcast_to(weights, columns.shape).ravel()
-        found = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(fringe.points)))
-        found.eliminate_zeros()
-        return found
+        rows_of_halo = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(fringe.points)))
+        rows_of_halo.eliminate_zeros()
+        return rows_of_halo

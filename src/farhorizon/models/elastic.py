@@ -588,15 +588,15 @@ def _solid_beside(model: Elastic, values: Mapping[str, np.ndarray]) -> Variation
         return Variation()
     solids = _moduli(model, values)
     modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", model.density))
-    found = Variation(modulus / model.p_modulus, density / model.density)
+    variation = Variation(modulus / model.p_modulus, density / model.density)
     if model.bonds or set(values) <= {"density"}:
-        return found
-    lame, shear = np.array([np.broadcast_to(one, modulus.shape) for one in (solids.lame, solids.shear)])
-    found = replace(found, lame=np.stack([lame, shear]))
+        return variation
+    lame, shear = np.array([np.broadcast_to(constant, modulus.shape) for constant in (solids.lame, solids.shear)])
+    variation = replace(variation, lame=np.stack([lame, shear]))
     lame, shear = lame / model.p_modulus, shear / model.p_modulus
     if model.material == "state-based":
         moduli = np.stack([lame - shear, 0 * shear, 0 * shear])
-        return replace(found, moduli=moduli, springs=shear * model.p_modulus / model.shear)
-    whole = modulus / model.p_modulus
-    moduli = np.stack([lame, shear, model.stabilisation * whole])
-    return replace(found, moduli=moduli, springs=whole if model.stabilisation else None)
+        return replace(variation, moduli=moduli, springs=shear * model.p_modulus / model.shear)
+    relative = modulus / model.p_modulus
+    moduli = np.stack([lame, shear, model.stabilisation * relative])
+    return replace(variation, moduli=moduli, springs=relative if model.stabilisation else None)

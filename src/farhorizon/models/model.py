@@ -335,9 +335,9 @@ class LatticeModel:
 
     def _at_nodes(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """All `constants` at the nodes, given those that vary."""
-        own = {name: getattr(self, name) for name in self.constants} | self._at_background
-        found = np.broadcast_arrays(*(values.get(name, own[name]) for name in self.constants))
-        return dict(zip(self.constants, found, strict=True))
+        constants = {name: getattr(self, name) for name in self.constants} | self._at_background
+        at_nodes = np.broadcast_arrays(*(values.get(name, constants[name]) for name in self.constants))
+        return dict(zip(self.constants, at_nodes, strict=True))
 
     def of_ratio(self, lame: float) -> LatticeModel:
         """The same solid with another ratio of Lame's constant to the P modulus; for other models the model itself."""
@@ -483,12 +483,8 @@ INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4(), "r
 
 
 def first_order(integrator: str | Integrator) -> Integrator:
-    """Return the integrator with a given name, or a given integrator for equations of first order.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown, or the integrator is for waves.
+    """The integrator with a given name, or a given integrator for equations of first order; an InputError for
+    another.
     """
     if isinstance(integrator, Euler | RungeKutta4 | RungeKuttaChebyshev):
         return integrator
@@ -496,13 +492,8 @@ def first_order(integrator: str | Integrator) -> Integrator:
 
 
 def material_constant(value: Any, key: str, positive: bool = True, follows: bool = False) -> Any:
-    """Return a constant of a material: a number, positive or not, or, unchanged, anything that gives its values at the
-    nodes, or if it may follow the field, an `OfField`.
-
-    Raises
-    ------
-    InputError
-        If a number is not positive, or the value is none of these.
+    """A constant of a material: a number, positive or not, or, unchanged, anything that gives its values at the nodes,
+    or if it may follow the field, an `OfField`; an InputError for anything else.
     """
     if follows and names_field(value):
         return OfField(value)
