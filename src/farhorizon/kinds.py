@@ -140,8 +140,8 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
 
 def number_type(value: Any) -> Any:
     """The name of a floating-point type, such as ``np.float32``; other values unchanged."""
-    kind = value.type if isinstance(value, np.dtype) else value
-    return np.dtype(kind).name if isinstance(kind, type) and issubclass(kind, float | np.float32) else value
+    dtype = value.type if isinstance(value, np.dtype) else value
+    return np.dtype(dtype).name if isinstance(dtype, type) and issubclass(dtype, float | np.float32) else value
 
 
 def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, finite: bool = True) -> np.ndarray:

@@ -130,10 +130,10 @@ def _left_by_groups(process: Path = Path("/proc/self")) -> Iterator[int]:
     except (OSError, ValueError):
         return
     for mount in mounts:
-        kind, options = mount[mount.index("-") + 1], mount[-1].split(",")
-        if kind == "cgroup2":
+        version, options = mount[mount.index("-") + 1], mount[-1].split(",")
+        if version == "cgroup2":
             controller, limit, used, cached = "", "memory.max", "memory.current", "inactive_file"
-        elif kind == "cgroup" and "memory" in options:
+        elif version == "cgroup" and "memory" in options:
             controller, limit, used, cached = (
                 "memory",
                 "memory.limit_in_bytes",
@@ -161,8 +161,8 @@ def _left_by_limits() -> Iterator[int]:
         pages = [int(n) for n in Path("/proc/self/statm").read_text().split()]
     except (ImportError, OSError, ValueError):  # not Linux
         return
-    for kind, taken in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
-        most = resource.getrlimit(kind)[0]
+    for limit, taken in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
+        most = resource.getrlimit(limit)[0]
         if most != resource.RLIM_INFINITY:
             yield most - taken * resource.getpagesize()
 

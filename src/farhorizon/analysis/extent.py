@@ -93,6 +93,7 @@ class Waves:
     def travel(self) -> float:
         """Nodes beyond which nothing arrives in the run, not even as a precursor."""
         if self.order == 1:
+            # exp(-13^2/4) = 4e-19 is left of a field that diffuses
             return float(13 * np.sqrt(self.rate * self.steps * self.dt) + 12 * max(self.stencil.reach))
         front = largest_speed(self.stencil) * np.sqrt(self.rate) * self.steps * self.dt
         return float(front + 20 * max(self.stencil.reach) + 10 * np.cbrt(front))

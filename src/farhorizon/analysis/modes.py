@@ -152,46 +152,36 @@ class Fit(NamedTuple):
     condition: float
 
 
-def fit(
-    modes: np.ndarray,
-    factor: np.ndarray,
-    levels: int,
-    *,
-    regularization: float | None = None,
-    rcond: float = 1e-12,
-    polar: np.ndarray | None = None,
-) -> Fit:
+class CloudModes(NamedTuple):
+    """Modes at the nodes of a cloud."""
+
+    values: np.ndarray  # relative to the centre, (M, J)
+    factor: np.ndarray  # per step, (M,)
+    symbol: np.ndarray  # S, (M,)
+    polar: np.ndarray | None = None  # polarisations of a field of d components, (M, d)
+
+    def of_components(self) -> tuple[np.ndarray, np.ndarray]:
+        """The modes at the components of all nodes, shape (M, J d), and at the centre: 1, or the polarisations."""
+        if self.polar is None:
+            return self.values, np.ones(len(self.values))
+        return (self.values[:, :, None] * self.polar[:, None]).reshape(len(self.values), -1), self.polar
+
+
+def fit(cloud: CloudModes, levels: int, *, regularization: float | None = None, rcond: float = 1e-12) -> Fit:
     """Weights that give the next value at a cloud's centre from the values of the cloud at the present and earlier
-    steps: the least-squares fit of the factor per step, (M,), over modes at the cloud's nodes, (M, J), of minimal norm
-    (Shojaei et al. 2020, eq 44; Hermann et al. 2023, eq 50).
+    steps: the least-squares fit of the factor per step over all modes, of minimal norm (Shojaei et al. 2020, eq 44;
+    Hermann et al. 2023, eq 50).
 
     `regularization` is the parameter of Tikhonov's method, relative to the largest singular value; without it, singular
-    values below `rcond` times the largest are cut off. `polar` (M, d) are the polarisations of a field of d components.
+    values below `rcond` times the largest are cut off.
     """
-    modes, unit = _of_components(modes, polar)
+    (modes, unit), factor = cloud.of_components(), cloud.factor
     matrix = np.concatenate([modes * factor[:, None] ** -float(level) for level in range(levels)], axis=1)
     weights, condition = _solve(matrix, (factor * unit.T).T, regularization, rcond)
     return Fit(weights.reshape(levels, -1, *unit.shape[1:]), condition)
 
 
-def _of_components(modes: np.ndarray, polar: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Modes at the components of all nodes, shape (M, J d), and at the centre: 1, or the polarisations."""
-    if polar is None:
-        return modes, np.ones(len(modes))
-    return (modes[:, :, None] * polar[:, None]).reshape(len(modes), -1), polar
-
-
-def fit_operator(
-    modes: np.ndarray,
-    factor: np.ndarray,
-    symbol: np.ndarray,
-    centre: int,
-    dt: float,
-    order: int,
-    rate: float,
-    regularization: float,
-    polar: np.ndarray | None = None,
-) -> Fit:
+def fit_operator(cloud: CloudModes, centre: int, dt: float, order: int, rate: float, regularization: float) -> Fit:
     """As `fit`, but fitted to the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, the
     node of this number, which has a limit as dt goes to 0.
 
@@ -200,8 +190,8 @@ def fit_operator(
     coefficient over squared spacing, scales the unknowns to the order of 1; the parameter of Tikhonov's method is
     absolute in those units.
     """
-    modes, unit = _of_components(modes, polar)
-    weight = (np.abs(symbol) / rate + _LOWEST) ** -1.5
+    (modes, unit), factor = cloud.of_components(), cloud.factor
+    weight = (np.abs(cloud.symbol) / rate + _LOWEST) ** -1.5
     if order == 1:
         right = ((factor - 1) / (dt * rate) * weight * unit.T).T
         a, condition = _solve(weight[:, None] * modes, right, regularization, 0.0, absolute=True)
@@ -214,9 +204,9 @@ def fit_operator(
         unknowns, condition = _solve(matrix, right, regularization, 0.0, absolute=True)
         a, b = unknowns.reshape(2, -1, *unit.shape[1:])
         update = np.array([dt**2 * rate * a + dt * speed * b, -dt * speed * b])
-    count = 1 if polar is None else polar.shape[1]
+    count = 1 if cloud.polar is None else cloud.polar.shape[1]
     centre_entries = slice(centre * count, (centre + 1) * count)
-    identity = np.ones(1) if polar is None else np.eye(count)
+    identity = np.ones(1) if cloud.polar is None else np.eye(count)
     update[0, centre_entries] += order * identity
     update[1:, centre_entries] -= identity
     return Fit(update, condition)

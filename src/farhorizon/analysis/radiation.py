@@ -90,8 +90,8 @@ class Pattern:
         r, across = kinds.number(distance, "distance", above=0), self.directions.shape[1] - 1
         phases = np.exp(-1j * r * np.einsum("fbdi,di->fbd", self.wave_vectors, self.directions))
         waves = (self.amplitudes * phases)[..., None] * self.polarisations
-        found = waves.sum(1) / r ** (across / 2)
-        return np.asarray(found[..., 0] if len(self.waves) == 1 else found)
+        field = waves.sum(1) / r ** (across / 2)
+        return np.asarray(field[..., 0] if len(self.waves) == 1 else field)
 
 
 def squared_frequency(scheme: Scheme, frequency: float) -> complex:

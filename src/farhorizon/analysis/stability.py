@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -99,6 +100,22 @@ def fastest(results: Sequence[Growth]) -> Growth:
     return max(growing, key=lambda g: g.rate) if growing else max(results, key=lambda g: g.rate + g.error)
 
 
+class LinearMap(NamedTuple):
+    """A linear one-step map that can only be applied."""
+
+    #: Maps a state and a number of steps to the state after these steps.
+    advance: Callable[[np.ndarray, int], np.ndarray]
+    #: Numbers in a state.
+    size: int
+    #: Time step in crossings of the set-up.
+    dt: float
+    #: Number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the whole domain
+    #: of the map, layers included.
+    crossing: int
+    #: Seconds that a step takes on a typical core.
+    cost: float
+
+
 def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     """Fastest mode of a map that is given as a matrix, from its eigenvalues; dt is in crossings.
 
@@ -138,63 +155,44 @@ def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.n
     return vectors[0], vectors[1]
 
 
-def krylov_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray],
-    size: int,
-    dt: float,
-    crossing: int,
-    cost: float,
-    allowance: Allowance,
-    seed: int = 0,
-    subspace: int = _VECTORS,
-) -> Growth:
-    """Fastest mode of a map that can only be applied, from white noise: `advance` maps a state and a number of steps to
-    the state after these steps, each of which takes `cost` seconds on a typical core.
+def krylov_growth(update: LinearMap, allowance: Allowance) -> Growth:
+    """Fastest mode of a map that can only be applied, from white noise.
 
     Noise runs for 20 crossing times; then Krylov spaces of ever higher powers of the map are built: in a high power the
     decaying part has disappeared, and few vectors separate the rest. Near the factor 1, slowly decaying modes may be
     too close to each other for that. Noise then runs on to 120 crossing times, and if its size decreases over the last
     third of them, that is the result.
 
-    `crossing` is the number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the
-    whole domain of the map, layers included; dt is in crossings. The error is that of the eigenvalue problem's
-    residual, 0 with `hidden` set where a long run decides, and infinite if the allowance was used up.
+    The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and infinite
+    if the allowance was used up.
     """
     unknown = Growth(0.0, np.inf, 1.0, np.zeros(0))
-    noise = _Noise(advance, size, dt, crossing, cost, seed)
+    noise = _Noise(update)
     if not noise.run(_NOISE, allowance):
         return noise.explosion() or unknown
-    power, x, long = crossing, noise.state, (_LONG - _NOISE) * crossing * cost
+    power, x, long = update.crossing, noise.state, (_LONG - _NOISE) * update.crossing * update.cost
     for _ in range(_POWERS):
-        spaces = subspace * power * cost
+        spaces = _VECTORS * power * update.cost
         if spaces + long > allowance.left >= long:  # the long run must follow, where it is allowed
             break
         if not allowance.take(spaces):
             break
-        least = max(4, _LEAST * crossing // power)
-        found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size))  # noqa: B023
-        if found.stable is not None:
-            return found
+        least = max(4, _LEAST * update.crossing // power)
+        growth, x = _arnoldi(update, x, power, least)
+        if growth.stable is not None:
+            return growth
         power *= _RAISE
     until = _LONG
     while noise.run(until, allowance):
-        found = noise.decay()
-        if found.stable is not None:
-            return found
+        growth = noise.decay()
+        if growth.stable is not None:
+            return growth
         until *= 2  # modes that nearly coincide add up before they decay
     return noise.explosion() or unknown
 
 
 def noise_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray],
-    size: int,
-    dt: float,
-    crossing: int,
-    cost: float,
-    allowance: Allowance,
-    short: Allowance,
-    crossings: float = np.inf,
-    seed: int = 0,
+    update: LinearMap, allowance: Allowance, short: Allowance, crossings: float = np.inf
 ) -> tuple[Growth | None, float]:
     """Growth seen in a short run from white noise, of a map that can only be applied: a cheap test, before anything
     else is examined. Returns the growth, and the crossing times for which noise ran without growth, 0 if it still rose
@@ -206,8 +204,8 @@ def noise_growth(
     was certain.
     """
     fraction = min(crossings / SHORT, 1.0)
-    piece = max(1, int(np.ceil(crossing * fraction)))  # a shorter run is sampled as often
-    noise = _Noise(advance, size, dt, piece, cost, seed)
+    # a shorter run is sampled as often
+    noise = _Noise(update._replace(crossing=max(1, int(np.ceil(update.crossing * fraction)))))
     complete = noise.run(SHORT, short)
     if noise.explosion() is not None:
         return noise.explosion(), 0.0
@@ -215,12 +213,13 @@ def noise_growth(
     # soon after the start noise may grow in proportion to time, because its velocities are those of short waves
     least = 1.0 if complete and fraction == 1 else _RISES
     # few vectors cannot separate modes that nearly coincide, such as those of a drift
-    if size <= DENSE and noise.rise() > least:
-        growth = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
+    if update.size <= DENSE and noise.rise() > least:
+        matrix = np.stack([update.advance(unit, 1) for unit in np.eye(update.size)], axis=1)
+        growth = dense_growth(matrix, update.dt)
         if growth.stable is not None:
             return (None if growth.stable else growth), length * fraction
-    while noise.rise() > least and allowance.take(_VECTORS * crossing * cost):
-        growth, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
+    while noise.rise() > least and allowance.take(_VECTORS * update.crossing * update.cost):
+        growth, _ = _arnoldi(update, noise.state, update.crossing, 4)
         if growth.stable is False and growth.error < _SURE * growth.rate:
             return growth, length * fraction
         length *= 2
@@ -232,26 +231,18 @@ def noise_growth(
 class _Noise:
     """A run from white noise, with the size of its state after each crossing time."""
 
-    def __init__(
-        self,
-        advance: Callable[[np.ndarray, int], np.ndarray],
-        size: int,
-        dt: float,
-        crossing: int,
-        cost: float,
-        seed: int,
-    ) -> None:
-        self.advance, self.dt, self.crossing, self.cost = advance, dt, crossing, cost
-        self.state = np.random.default_rng(seed).standard_normal(size)
+    def __init__(self, update: LinearMap) -> None:
+        self.update = update
+        self.state = np.random.default_rng(0).standard_normal(update.size)
         self.sizes = [float(np.linalg.norm(self.state))]
 
     def run(self, until: int, allowance: Allowance) -> bool:
         """Continue to a number of crossing times; return False if the state exploded or the allowance ended before."""
         while len(self.sizes) <= until:
-            if not allowance.take(self.crossing * self.cost):
+            if not allowance.take(self.update.crossing * self.update.cost):
                 return False
-            for done in range(0, self.crossing, _PIECE):
-                self.state = self.advance(self.state, min(_PIECE, self.crossing - done))
+            for done in range(0, self.update.crossing, _PIECE):
+                self.state = self.update.advance(self.state, min(_PIECE, self.update.crossing - done))
             self.sizes.append(float(np.linalg.norm(self.state)))
             if not self.sizes[-1] < _EXPLODED * self.sizes[0]:
                 return False
@@ -263,12 +254,13 @@ class _Noise:
             return None
         finite = [s for s in self.sizes if np.isfinite(s)]
         late = finite[len(finite) // 2 :] if len(finite) > 3 else finite
-        rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * self.crossing * self.dt) if len(late) > 1 else np.inf
+        crossing, dt = self.update.crossing, self.update.dt
+        rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * crossing * dt) if len(late) > 1 else np.inf
         mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
         return Growth(
             float(rate),
             0.0 if np.isinf(rate) else 0.1 * abs(float(rate)),
-            complex(np.exp(min(rate, 1e3) * self.dt)),
+            complex(np.exp(min(rate, 1e3) * dt)),
             mode.astype(complex),
         )
 
@@ -280,24 +272,23 @@ class _Noise:
         """Growth or decay over the last third of the run."""
         count = len(self.sizes) - 1
         last = self.sizes[-1 - count // 3 :]
-        span = (len(last) - 1) * self.crossing * self.dt
+        span = (len(last) - 1) * self.update.crossing * self.update.dt
         rate = float(np.log(max(last[-1], 1e-300) / max(last[0], 1e-300)) / span)
-        hidden = 0.5 * np.log(len(self.state)) / (count * self.crossing * self.dt)
-        return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.dt)), np.zeros(0), hidden)
+        hidden = 0.5 * np.log(len(self.state)) / (count * self.update.crossing * self.update.dt)
+        return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.update.dt)), np.zeros(0), hidden)
 
 
-def _arnoldi(
-    apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int
-) -> tuple[Growth, np.ndarray]:
-    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as the verdict is certain; and the
-    vector with which to continue.
+def _arnoldi(update: LinearMap, start: np.ndarray, power: int, least: int) -> tuple[Growth, np.ndarray]:
+    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as the verdict is certain, but not
+    before the `least` number of vectors; and the vector with which to continue.
     """
+    subspace, dt = min(_VECTORS, update.size), update.dt
     length = float(np.linalg.norm(start))
     if length < 1e-200:  # the noise has decayed completely
         return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
     basis, projected = [start / length], np.zeros((subspace + 1, subspace))
     for k in range(subspace):
-        image = apply(basis[k])
+        image = update.advance(basis[k], power)
         for _ in range(2):  # twice, for orthogonality to rounding
             for j, b in enumerate(basis):
                 part = float(b @ image)

@@ -220,7 +220,7 @@ def _branch(
     """
     dim = stencil.dim
     angles = angles.astype(complex)
-    value, gradient, second, *rest = _expansion(stencil, angles, number, apart)
+    value, gradient, second, *shapes = _expansion(stencil, angles, number, apart)
     slope = (gradient * directions).sum(1)
     matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
     for _ in range(_NEWTON):
@@ -230,15 +230,15 @@ def _branch(
         size, length = np.abs(change[:, :dim]).max(1), np.abs(angles).max(1)
         change *= np.minimum(1.0, _STRIDE * length / np.maximum(size, 1e-300))[:, None]
         angles, slope = angles - change[:, :dim], slope - change[:, dim]
-        value, gradient, second, *rest = _expansion(stencil, angles, number, apart)
+        value, gradient, second, *shapes = _expansion(stencil, angles, number, apart)
         settled = size < _SETTLED * length
         if settled.all():
             break
     for _ in range(_ONTO):  # from the mean to the branch's own surface
-        value, gradient, _, *rest = _expansion(stencil, angles, number, 0.0)
+        value, gradient, _, *shapes = _expansion(stencil, angles, number, 0.0)
         angles = angles - ((value - squared) / (gradient * directions).sum(1))[:, None] * directions
     curvatures = _across(second, directions)
-    return settled & (curvatures.real > 0), angles, slope, curvatures, *rest
+    return settled & (curvatures.real > 0), angles, slope, curvatures, *shapes
 
 
 def _across(second: np.ndarray, directions: np.ndarray) -> np.ndarray:

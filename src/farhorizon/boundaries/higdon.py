@@ -87,14 +87,14 @@ class Higdon(Closing):
             factors.append(np.array([[time + space, time - space], [space - time, -time - space]]) + shift / 4)
 
         def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            out = np.zeros((a.shape[0] + 1, a.shape[1] + 1))
+            summed = np.zeros((a.shape[0] + 1, a.shape[1] + 1))
             for i in range(2):
                 for j in range(2):
-                    out[i : i + a.shape[0], j : j + a.shape[1]] += a * b[i, j]
-            return out
+                    summed[i : i + a.shape[0], j : j + a.shape[1]] += a * b[i, j]
+            return summed
 
-        whole = reduce(product, factors)
-        weights = -whole / whole[0, 0]
+        operator = reduce(product, factors)
+        weights = -operator / operator[0, 0]
         weights[0, 0] = 0
         return weights
 

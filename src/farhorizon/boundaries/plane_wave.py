@@ -388,16 +388,12 @@ def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, place
     """Return the fit of a cloud's nodes to wavevectors k."""
     k, symbol, polar = medium.waves(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
-    shape = modes.phases(k, places)
+    fitted = modes.CloudModes(modes.phases(k, places), factor, symbol, polar)
     if not recipe.operator:
-        return modes.fit(
-            shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond, polar=polar
-        )
+        return modes.fit(fitted, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
     centre = int(np.argmin(np.abs(places).sum(1)))
     rate = medium.coefficient / spacing**2
-    return modes.fit_operator(
-        shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0, polar
-    )
+    return modes.fit_operator(fitted, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0)
 
 
 def _oriented(normal: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -140,7 +140,7 @@ def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:
         return
     for first in range(1, count + 1):
         if count % first == 0:
-            yield from ((first, *rest) for rest in _grids(count // first, axes - 1))
+            yield from ((first, *further) for further in _grids(count // first, axes - 1))
 
 
 def _cut(

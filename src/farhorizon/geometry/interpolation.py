@@ -133,11 +133,11 @@ def points_on_line(start: Point, end: Point, count: int) -> np.ndarray:
         Ends of different dimensions, no point.
     """
     count = kinds.integer(count, "line.count", least=1)
-    ends = [np.atleast_1d(kinds.array(one, "line")) for one in (start, end)]
+    ends = [np.atleast_1d(kinds.array(point, "line")) for point in (start, end)]
     if ends[0].ndim != 1 or ends[0].shape != ends[1].shape:
         raise InputError(
             "both ends of a line need one coordinate per axis",
-            value=[one.shape for one in ends],
+            value=[point.shape for point in ends],
             limit="two equal shapes (dim,)",
             key="line",
             remedy="(x, y) for both in two dimensions",
@@ -160,12 +160,12 @@ def points_on_grid(lower: Point, upper: Point, counts: Annotated[Any, Toml(list[
     InputError
         Corners and counts of different dimensions, no point along an axis.
     """
-    corners = [np.atleast_1d(kinds.array(one, "grid")) for one in (lower, upper)]
+    corners = [np.atleast_1d(kinds.array(corner, "grid")) for corner in (lower, upper)]
     numbers = [kinds.integer(n, "grid.counts", least=1) for n in np.atleast_1d(np.asarray(counts, object))]
-    if any(one.shape != (len(numbers),) for one in corners):
+    if any(corner.shape != (len(numbers),) for corner in corners):
         raise InputError(
             "corners and counts of a grid have one entry an axis",
-            value=[*(one.shape for one in corners), len(numbers)],
+            value=[*(corner.shape for corner in corners), len(numbers)],
             limit="three equal lengths",
             key="grid",
             remedy="(x, y), (x, y) and (n, m) in two dimensions",

@@ -83,13 +83,8 @@ def closing_rate(states: ForceStates, softest: float = 1.0) -> float:
     """Upper bound of what closed bonds add to the largest value of the symbol.
 
     Each of them replaces an absent bond, and with it the spring of that bond beside the states: along the bond, or the
-    same in all directions. What it adds is smaller by the stiffness of that spring.
-
-    Parameters
-    ----------
-    states : ForceStates
-    softest : float
-        Where the medium varies, the least stiffness of the springs over that of closed bonds, relative to the model.
+    same in all directions. What it adds is smaller by the stiffness of that spring. `softest` is the least stiffness of
+    the springs over that of closed bonds, where the medium varies, relative to the model.
     """
     if states.closed is None:
         return 0.0
@@ -119,11 +114,11 @@ def correspondence_states(
 
     def law(shapes: np.ndarray, moduli: np.ndarray) -> np.ndarray:
         inverse = inverse_shapes(shapes)  # e = q K^-1, p = sigma(e) K^-1 - pull e
-        found = np.einsum("s,sab,sdc->sabcd", moduli[:, 0], inverse, inverse)
-        found += np.einsum("s,ac,sdj,sjb->sabcd", moduli[:, 1], eye, inverse, inverse)
-        found += np.einsum("s,scb,sda->sabcd", moduli[:, 1], inverse, inverse)
-        found -= np.einsum("s,ac,sdb->sabcd", moduli[:, 2], eye, inverse)
-        return np.asarray(found.reshape(len(shapes), dim * dim, dim * dim))
+        matrices = np.einsum("s,sab,sdc->sabcd", moduli[:, 0], inverse, inverse)
+        matrices += np.einsum("s,ac,sdj,sjb->sabcd", moduli[:, 1], eye, inverse, inverse)
+        matrices += np.einsum("s,scb,sda->sabcd", moduli[:, 1], inverse, inverse)
+        matrices -= np.einsum("s,ac,sdb->sabcd", moduli[:, 2], eye, inverse)
+        return np.asarray(matrices.reshape(len(shapes), dim * dim, dim * dim))
 
     return ForceStates(
         offsets,

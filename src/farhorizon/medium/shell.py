@@ -102,10 +102,10 @@ class Shell:
         numbers[np.ravel_multi_index(tuple((nodes - low).T), tuple(extent))] = np.arange(count)
         rows, columns, values = [], [], []
         for number, offset in enumerate(self._offsets):
-            other = nodes + offset
-            jump = (self.contains(other).astype(float) - self.inside) * self._exist(other)
+            ends = nodes + offset
+            jump = (self.contains(ends).astype(float) - self.inside) * self._exist(ends)
             (i,) = np.nonzero(jump)
-            j = numbers[np.ravel_multi_index(tuple((other[i] - low).T), tuple(extent))]
+            j = numbers[np.ravel_multi_index(tuple((ends[i] - low).T), tuple(extent))]
             for a, b in np.argwhere(weights[:, number].any(0)):
                 rows.append(a * count + i)
                 columns.append(b * count + j)

@@ -70,8 +70,8 @@ class BlockConvolution:
         length = (self._number & -self._number) * self.block
         source = fft.rfft(self._history[end - length : end], 2 * length, axis=0)
         result = fft.irfft(np.matmul(self._spectrum(length), source[:, :, None])[:, :, 0], 2 * length, axis=0)[length:]
-        kept = min(length, len(self._force) - end)
-        self._force[end : end + kept] += result[:kept]
+        rows = min(length, len(self._force) - end)
+        self._force[end : end + rows] += result[:rows]
 
     def extended(self, kernel: np.ndarray) -> BlockConvolution:
         """The same history with a kernel of more steps, at the same step of the same block."""

@@ -17,7 +17,7 @@ from scipy import special
 
 from farhorizon.errors import InputError
 
-_MOST_TERMS = 2_000_000
+_MOST_TERMS = 2_000_000  # of a series: some seconds
 _BLOCK = 1 << 20  # numbers in one table of eigenfunctions
 
 

@@ -55,6 +55,7 @@ class InfiniteLattice:
             travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
             travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
         else:
+            # a field that diffuses has fallen to exp(-13^2/4) = 4e-19 there
             travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach) + stencil.drift * rate * last * dt
         self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
         if 16 * 8 * stencil.components**2 * float(np.prod(self.box)) > available_memory():

@@ -14,7 +14,7 @@ from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
 
 _SAMPLES = 1024  # wavenumbers at which a branch is sampled before its equation is solved
-_NEWTON = 8
+_NEWTON = 8  # steps from an interpolated start, whose error each of them squares
 _LONG = 1e-5  # below this wavenumber times spacing, polarisations are those of this wave
 _LOST = 1e-12  # frequencies below this share of the largest amplitude are left out
 _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
