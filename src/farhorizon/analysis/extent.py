@@ -25,7 +25,7 @@ from farhorizon.medium.stencil import Stencil
 _AIM = 0.3  # part of the target error: in a corner several edges reflect
 _TIMES = 16  # times of a run at which the field is evaluated
 _LINES = 4096  # largest number of lines of nodes along the normal that are used
-_FAINT = 1e-2  # share of the target error below which profiles are left out
+_FAINT = 1e-2  # part of the target error below which profiles are left out
 _LONGEST = 2**20  # nodes of a line beyond which only the front is considered
 _COARSE = 24  # nodes along each axis of the coarsened support on which the largest value of a field is estimated
 
@@ -59,7 +59,7 @@ class Datum:
     kind: str
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))  # factor of a source at each step
 
-    def turned(self, axis: int, side: int) -> Datum:
+    def oriented(self, axis: int, side: int) -> Datum:
         """Return the datum with a given axis first, pointing towards its lower (-1) or upper (1) end."""
         values = np.moveaxis(self.values, axis, 0)
         return replace(self, values=values if side > 0 else values[::-1])

@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.wave_surface import along, carried, outgoing
+from farhorizon.analysis.wave_surface import along, carried_band, outgoing
 from farhorizon.errors import InputError
 
 #: Types of waves by the number of components of the field, the fastest first.
@@ -120,7 +120,7 @@ def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarra
             remedy="FarField.at, in time, serves",
         )
     nyquist = 0.5 / scheme.dt
-    roots = np.sqrt(np.array(carried(scheme.stencil)) * scheme.rate) * scheme.dt / 2
+    roots = np.sqrt(np.array(carried_band(scheme.stencil)) * scheme.rate) * scheme.dt / 2
     lowest, highest = np.arcsin(np.minimum(roots, 1.0)) * 2 * nyquist / np.pi
     width = highest - lowest
     wrong = checked[(checked <= lowest + _NEAREST * width) | (checked >= highest - _NEAREST * width)]

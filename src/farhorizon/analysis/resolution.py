@@ -13,7 +13,7 @@ from farhorizon.medium.stencil import Stencil
 
 ENOUGH = 6.0  # nodes per wavelength of a well-resolved wave
 _SAMPLES = 512  # samples of a branch between the middle and the edge of the Brillouin zone
-_SHARES = (0.001, 0.5, 0.999)  # shares of the energy, counted from the longest wave
+_PARTS = (0.001, 0.5, 0.999)  # parts of the energy, counted from the longest wave
 _MOMENTS = 2048  # number of times at which a source is sampled
 _PADS = 2  # size of the box over that of the field: as much empty space again
 
@@ -166,7 +166,7 @@ def band(
         return None
     order_of = np.argsort(number, axis=None)
     summed = np.cumsum(energy.ravel()[order_of])
-    limits = number.ravel()[order_of][np.searchsorted(summed, np.array(_SHARES) * summed[-1])]
+    limits = number.ravel()[order_of][np.searchsorted(summed, np.array(_PARTS) * summed[-1])]
     longest, typical, shortest = (
         float(np.clip(2 * np.pi / max(k, 1e-9), 2.0, 4 * max(shape))) * spacing for k in limits
     )

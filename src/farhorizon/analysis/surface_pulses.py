@@ -16,7 +16,14 @@ import numpy as np
 
 from farhorizon.analysis.half_space import Column, HalfSpace
 from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.references.pulse import PlanePulse, TravellingWaves, check_lost, felt, harmonics, steps_of
+from farhorizon.analysis.references.pulse import (
+    PlanePulse,
+    TravellingWaves,
+    check_lost,
+    harmonics,
+    significant,
+    steps_of,
+)
 from farhorizon.errors import InputError
 from farhorizon.medium.free_side import FreeSide
 
@@ -143,7 +150,7 @@ def rayleigh_pulse(
     def pulse_of_period(period: float) -> SurfacePulse:
         count = steps_of(period, dt)
         frequencies, amplitudes = harmonics(samples, dt, count)
-        used = np.flatnonzero(felt(amplitudes) & (frequencies > 0))
+        used = np.flatnonzero(significant(amplitudes) & (frequencies > 0))
         ratio, lost = guess, 0.0
         numbers: list[int] = []
         wavenumbers, shapes = [], []

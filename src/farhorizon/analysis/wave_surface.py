@@ -55,7 +55,7 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
     if several waves of one branch travel in one direction.
 
     `squared` is the squared frequency in units of ``coefficient / spacing^2``: the eigenvalue of the symbol, between
-    the limits of `carried`. Its imaginary part, above zero, is that of a damped wave.
+    the limits of `carried_band`. Its imaginary part, above zero, is that of a damped wave.
     """
     start = _start(stencil, squared.real, directions)
     branches = [_branch(stencil, squared, directions, angles, number) for number, angles in enumerate(start)]
@@ -78,11 +78,11 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
             key="far_field.frequencies",
             remedy="a lower frequency, or a finer lattice",
         )
-    _turn(shapes, rows, directions)
+    _fix_phases(shapes, rows, directions)
     return Outgoing(vectors, slopes, curvatures, shapes, rows)
 
 
-def _turn(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
+def _fix_phases(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
     """Fix the phases of the displacements, which are arbitrary as computed: P waves point along the direction, S waves
     in the plane to its left, in space along their largest component.
     """
@@ -140,7 +140,7 @@ def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
     return Along(vectors, gradients, polarisations, rows)
 
 
-def carried(stencil: Stencil) -> tuple[float, float]:
+def carried_band(stencil: Stencil) -> tuple[float, float]:
     """Limits of the squared frequency, in units of ``coefficient / spacing^2``, between which each branch has one
     closed wave surface around k = 0.
 

@@ -101,11 +101,13 @@ def _within(elements: Array, which: np.ndarray, points: Array, slack: float) -> 
     volume = np.linalg.det(edges)
     solid = np.abs(volume) > 0
     inverse = np.linalg.inv(np.where(solid[:, None, None], edges, np.eye(edges.shape[-1])))
-    shares = np.einsum("ni,nij->nj", points - elements[which, 0], inverse[which])  # of all corners but the first
+    coordinates = np.einsum(
+        "ni,nij->nj", points - elements[which, 0], inverse[which]
+    )  # barycentric, of all corners but the first
     slopes = np.concatenate([inverse, -inverse.sum(2, keepdims=True)], axis=2)
-    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # change of the shares over a distance of slack
-    shares = np.concatenate([shares, 1 - shares.sum(1, keepdims=True)], axis=1)
-    return np.asarray((shares >= -reach).all(1) & solid[which])
+    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # change of the coordinates over a distance of slack
+    coordinates = np.concatenate([coordinates, 1 - coordinates.sum(1, keepdims=True)], axis=1)
+    return np.asarray((coordinates >= -reach).all(1) & solid[which])
 
 
 def _corners(given: Any) -> Array:

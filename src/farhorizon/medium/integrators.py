@@ -113,8 +113,8 @@ class VerletModes:
         # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)) has no difference of nearly equal powers, so that rounding
         # errors grow only like n. Overdamped modes have an imaginary angle; without them everything stays real, because
         # complex functions take ten times as long.
-        self._dt, self._share = dt, damping * dt
-        damped, quarter = self._share, dt**2 * np.asarray(symbol, float)
+        self._dt, self._damped = dt, damping * dt
+        damped, quarter = self._damped, dt**2 * np.asarray(symbol, float)
         self._ratio = np.sqrt((1 - damped) / (1 + damped))
         self._cosine = (1 - quarter / 2) / np.sqrt(1 - damped**2)
         sine = np.emath.sqrt((quarter - quarter**2 / 4 - damped**2) / (1 - damped**2))
@@ -126,11 +126,11 @@ class VerletModes:
         """Amplitudes of the modes after `steps` steps, from the amplitudes and their time derivatives at t = 0."""
         angle = steps * self._angle
         amplitudes = u * np.cos(angle)
-        if self._share or np.any(v):
+        if self._damped or np.any(v):
             limit = np.power(self._cosine, steps - 1, where=self._flat, out=np.ones_like(self._cosine))
             slope = np.where(self._flat, steps * limit, np.sin(angle) / self._sine)
             amplitudes = (
-                amplitudes + (self._share * self._cosine * u + self._ratio * (1 + self._share) * self._dt * v) * slope
+                amplitudes + (self._damped * self._cosine * u + self._ratio * (1 + self._damped) * self._dt * v) * slope
             )
         return self._ratio**steps * amplitudes
 

@@ -19,9 +19,9 @@ from scipy import fft
 from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
 
-_NOISE = 1e-14  # eigenvalues of the Hankel matrix below this share of the largest are close to rounding
+_NOISE = 1e-14  # eigenvalues of the Hankel matrix below this part of the largest are close to rounding
 _FIRST_RANK = 64  # number of eigenvectors that are computed first; all of them only where these are insufficient
-_PATIENCE = 8  # orders tried below that share without halving the error
+_PATIENCE = 8  # orders tried below it without halving the error
 
 
 @dataclass(frozen=True)

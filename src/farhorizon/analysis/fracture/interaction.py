@@ -89,8 +89,8 @@ class InteractionDomain:
         self.medium, self.modes, self.radii = medium, medium.modes, radii
         self.tip, self._lattice, self._cuts = np.asarray(tip, float), lattice, list(cuts)
         first = np.asarray(ahead, float) / np.linalg.norm(ahead)
-        self._turn = np.array([first, [-first[1], first[0]]])  # rows: the axes of the tip
-        _check_circles(lattice, self.tip, self._turn, radii, cuts)
+        self._axes = np.array([first, [-first[1], first[0]]])  # rows: the axes of the tip
+        _check_circles(lattice, self.tip, self._axes, radii, cuts)
         grid = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
         inside = np.linalg.norm(grid - self.tip, axis=1) < radii[1] + _FARTHEST * lattice.spacing
         candidates = np.flatnonzero(inside & (True if lattice.mask is None else lattice.mask.ravel()))
@@ -168,7 +168,7 @@ class InteractionDomain:
     @property
     def _frame(self) -> np.ndarray:
         """Rotation of components of the field to the axes of the tip."""
-        return np.eye(1) if self.medium.antiplane else self._turn
+        return np.eye(1) if self.medium.antiplane else self._axes
 
     def _read(
         self, where: np.ndarray, grid: np.ndarray, fields: Sequence[np.ndarray]
@@ -178,7 +178,7 @@ class InteractionDomain:
         """
         numbers, weights = parabolas(where, grid, self._cuts, self._lattice.spacing)
         u, v = (np.einsum("qjn,cqn->qcj", weights, values[:, numbers]) for values in fields[:2])
-        gradients = [np.einsum("ac,qcb,db->qad", self._frame, values[..., 1:], self._turn) for values in (u, v)]
+        gradients = [np.einsum("ac,qcb,db->qad", self._frame, values[..., 1:], self._axes) for values in (u, v)]
         return gradients[0], gradients[1], v[..., 0] @ self._frame.T
 
     def _quadrature(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -190,11 +190,11 @@ class InteractionDomain:
         r, theta = (inner + outer) / 2 + (outer - inner) / 2 * s, np.pi * t
         local = np.stack([np.multiply.outer(r, f(theta)) for f in (np.cos, np.sin)], axis=-1)
         area = np.multiply.outer(r * ds * (outer - inner) / 2, np.pi * dt)
-        return self.tip + local.reshape(-1, 2) @ self._turn, area.ravel()
+        return self.tip + local.reshape(-1, 2) @ self._axes, area.ravel()
 
     def _polar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance from the tip, and angle from the direction ahead."""
-        x, y = ((points - self.tip) @ self._turn.T).T
+        x, y = ((points - self.tip) @ self._axes.T).T
         return np.hypot(x, y), np.arctan2(y, x)
 
     def _on_gradient(self, where: np.ndarray, area: np.ndarray) -> np.ndarray:
@@ -207,8 +207,8 @@ class InteractionDomain:
         weights[..., 0] += np.einsum("kqij,qj->kqi", stress, fall)
         weights -= stress * fall[:, 0, None, None]
         weights *= area[:, None, None] * self.medium.stiffness / 2
-        rotated = weights @ self._turn
-        return rotated if self.medium.antiplane else np.einsum("kqia,ib->kqba", rotated, self._turn)
+        rotated = weights @ self._axes
+        return rotated if self.medium.antiplane else np.einsum("kqia,ib->kqba", rotated, self._axes)
 
     def _on_force(self, points: np.ndarray, cell: float) -> np.ndarray:
         """Weights on the force at nodes, shape (modes, N, components)."""
@@ -217,7 +217,7 @@ class InteractionDomain:
         q = np.clip((outer - r) / (outer - inner), 0.0, 1.0)
         apart = np.maximum(r, 1e-3 * np.sqrt(cell))  # the gradient of a node on the tip itself is not finite
         ahead = self.medium.fields(apart, theta)[1][..., 0] * (q * cell * self.medium.stiffness / 2)[:, None]
-        return ahead if self.medium.antiplane else ahead @ self._turn
+        return ahead if self.medium.antiplane else ahead @ self._axes
 
 
 def parabolas(

@@ -4,7 +4,7 @@ In a layer a wave is stretched along its phase velocity. A *backward wave*, whos
 then grows where it should decay: at the rate ``sigma gamma`` to first order in the layer's strength sigma, with gamma
 from the symbol (`Stencil.layer_growth`). On a lattice such waves are short, and no run with a resolved field needs
 them. The layer therefore damps the high-pass filtered velocity at a rate nu that follows sigma. A wave of which the
-filter passes the share f then decays at the rate ``nu f / 2``, so that ``nu f >= 2 sigma gamma`` prevents its growth.
+filter passes the fraction f then decays at the rate ``nu f / 2``, so that ``nu f >= 2 sigma gamma`` prevents growth.
 
 The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete
 beta function ``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and

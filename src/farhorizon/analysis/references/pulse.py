@@ -16,13 +16,13 @@ from farhorizon.medium.stencil import Stencil
 _SAMPLES = 1024  # wavenumbers at which a branch is sampled before its equation is solved
 _NEWTON = 8  # steps from an interpolated start, whose error each of them squares
 _LONG = 1e-5  # below this wavenumber times spacing, polarisations are those of this wave
-_LOST = 1e-12  # frequencies below this share of the largest amplitude are left out
+_LOST = 1e-12  # frequencies below this part of the largest amplitude are left out
 _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
 # largest part of the signal, relative to its largest value, at frequencies that the lattice does not carry, which is
 # left out
 _CARRIED = 1e-2
 _MOST_STEPS = 10**7  # of a signal: more than a pulse has, and few enough samples for memory
-_LATE = 1e-10  # frequencies above this share must have passed before the pulse is over
+_LATE = 1e-10  # frequencies above this part of the largest must have passed before the pulse is over
 # interpolation in space: nodes per radian of the shortest wave, and nodes used for a value
 _GRID, _POINTS = 6.0, 14
 
@@ -61,7 +61,7 @@ def harmonics(samples: np.ndarray, dt: float, count: int) -> tuple[np.ndarray, n
     return 2 * np.pi * np.arange(spectrum.size) / (count * dt), spectrum
 
 
-def felt(amplitudes: np.ndarray) -> np.ndarray:
+def significant(amplitudes: np.ndarray) -> np.ndarray:
     """Which of the waves of a pulse are large enough not to be left out."""
     return np.asarray(np.abs(amplitudes) > _LOST * np.abs(amplitudes).max())
 
@@ -146,7 +146,7 @@ class PlanePulse:
         above = roots >= most
         self.lost = float(np.abs(spectrum[above]).sum() / np.abs(samples).max())
         check_lost(self.lost, 2 / self.dt * np.arcsin(min(most * self.dt * self._rate / 2, 1.0)))
-        used = ~above & felt(spectrum)
+        used = ~above & significant(spectrum)
         self.period = count * self.dt
         self.frequencies = np.tile(frequencies[used], len(self._branches))
         self.amplitudes = np.tile(spectrum[used], len(self._branches))
