@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.references.infinite import largest_speed, undisturbed
+from farhorizon.analysis.references.infinite import undisturbed, wave_travel
 from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
 
@@ -95,8 +95,7 @@ class Waves:
         if self.order == 1:
             # exp(-13^2/4) = 4e-19 is left of a field that diffuses
             return float(13 * np.sqrt(self.rate * self.steps * self.dt) + 12 * max(self.stencil.reach))
-        front = largest_speed(self.stencil) * np.sqrt(self.rate) * self.steps * self.dt
-        return float(front + 20 * max(self.stencil.reach) + 10 * np.cbrt(front))
+        return wave_travel(self.stencil, self.rate, self.steps, self.dt)
 
     def moments(self) -> np.ndarray:
         """Numbers of the steps at which the field is evaluated."""

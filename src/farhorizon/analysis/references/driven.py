@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.references.infinite import largest_speed
+from farhorizon.analysis.references.infinite import wave_travel
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Integrator, Verlet
@@ -62,8 +62,7 @@ class Scheme:
     def travel(self, steps: int) -> float:
         """Number of nodes that a disturbance has travelled after some steps, apart from what is below rounding."""
         if self.order == 2:
-            distance = largest_speed(self.stencil) * np.sqrt(self.rate) * steps * self.dt
-            distance += 20 * max(self.stencil.reach) + 10 * np.cbrt(distance)  # the front has an Airy tail ahead of it
+            distance = wave_travel(self.stencil, self.rate, steps, self.dt)
         else:
             spread = 0.5 * self.stencil.weights @ self.stencil.offsets.astype(float) ** 2
             distance = 13 * np.sqrt(self.rate * self.recursion.scale * spread.max() * steps) + 12 * max(
