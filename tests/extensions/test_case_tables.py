@@ -99,7 +99,9 @@ def test_a_new_parameter_is_a_key_at_once(page):
 
 
 def test_names_that_are_taken(page):
-    with pytest.raises(TypeError, match=r"there is a 'power' already, farhorizon\.simulation\.power_through"):
+    with pytest.raises(
+        TypeError, match=r"there is a 'power' already, farhorizon\.simulation\.recorders\.power_through"
+    ):
         type("Power", (fh.Receivers,), {"tag": "power"})
     with pytest.raises(TypeError, match="there is a 'receivers' already"):
         type("Receivers", (fh.CrackTips,), {})

@@ -125,18 +125,18 @@ class CrackTips(Recorder):
         InputError
             No tip has advanced by a horizon yet.
         """
-        way = float(np.nansum(np.nanmax(self.data["advance"], axis=0, initial=0.0)))
-        if not way > self._horizon:
+        distance = float(np.nansum(np.nanmax(self.data["advance"], axis=0, initial=0.0)))
+        if not distance > self._horizon:
             raise InputError(
-                "no crack has run yet", value=way, limit=f"more than {self._horizon:.4g}", key="crack_tips"
+                "no crack has run yet", value=distance, limit=f"more than {self._horizon:.4g}", key="crack_tips"
             )
-        return float(self.dissipated[-1] - self.dissipated[0]) / way
+        return float(self.dissipated[-1] - self.dissipated[0]) / distance
 
     @property
     def recorded(self) -> Recorded:
         """The recorded data, independent of the run."""
         new = slice(self._given, None)
-        rows = {name: one[new] for name, one in self.data.items()}
+        rows = {name: values[new] for name, values in self.data.items()}
         labels = tuple(f"tip {number:g}" for number in self.points[:, 0])
         return Recorded(self.name, self.points, self.times[new], rows, labels=labels)
 
@@ -206,25 +206,25 @@ class CrackTips(Recorder):
 
     def _look(self, step: int) -> None:
         """Record the cracks as they are now."""
-        found, breaking = self._found(), self._breaking
+        cracks, breaking = self._found(), self._breaking
         places = self._nowhere.copy()
         free = [number for number in range(self.most) if np.isnan(self._last[number]).all()]
-        for tip, number in zip(found.tips, followed(self._last, found.tips, self._reach), strict=True):
+        for tip, number in zip(cracks.tips, followed(self._last, cracks.tips, self._reach), strict=True):
             if number < 0 and not free:
                 self.notes = [f"{self.name} follows {self.most} tips, and there are more: most = {2 * self.most}"]
                 continue
             places[free.pop(0) if number < 0 else number] = tip
-        self.now = found
+        self.now = cracks
         self._last = _latest(self._last, places)
         self._steps.append(step)
         self._places.append(places)
         broken = breaking.team.total({"energy": self._bonds.broken[0]})["energy"]
-        self._sums.append((found.length, breaking.near.mass * broken))
+        self._sums.append((cracks.length, breaking.near.mass * broken))
 
 
-def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:
+def _latest(last: np.ndarray, present: np.ndarray) -> np.ndarray:
     """Return where each tip was last seen, from two consecutive records."""
-    return np.where(np.isnan(now), last, now)
+    return np.where(np.isnan(present), last, present)
 
 
 def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
@@ -234,11 +234,11 @@ def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
     The mean rate of its advance would be too large: where a crack splits, the end of its thinned line moves from side
     to side although the tip does not.
     """
-    found = np.full(places.shape[:2], np.nan)
+    speeds = np.full(places.shape[:2], np.nan)
     for column in range(places.shape[1]):
-        known = np.flatnonzero(np.isfinite(places[:, column, 0]))
-        before = np.searchsorted(times[known], times[known] - window * (1 - 1e-9), side="right") - 1
-        now, then = known[before >= 0], known[before[before >= 0]]
-        come = np.linalg.norm(places[now, column] - places[then, column], axis=1)
-        found[now, column] = come / (times[now] - times[then])
-    return found
+        rows = np.flatnonzero(np.isfinite(places[:, column, 0]))
+        before = np.searchsorted(times[rows], times[rows] - window * (1 - 1e-9), side="right") - 1
+        now, earlier = rows[before >= 0], rows[before[before >= 0]]
+        distances = np.linalg.norm(places[now, column] - places[earlier, column], axis=1)
+        speeds[now, column] = distances / (times[now] - times[earlier])
+    return speeds

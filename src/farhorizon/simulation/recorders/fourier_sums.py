@@ -10,22 +10,12 @@ BLOCK = 64  # steps that are summed by one product of matrices
 
 
 class FourierSums:
-    """``sum over steps n of dt * values(n) * exp(-2 pi i f n dt)``, the convention of `numpy.fft`, of some values.
+    """``sum over steps n of dt * values(n) * exp(-2 pi i f n dt)`` of some values, the convention of `numpy.fft`.
 
     Steps are summed in blocks that begin at multiples of their length, so that a run which is saved and continued at
-    any step has the same sums to the last bit.
+    any step has the same sums to the last bit. Frequencies are in cycles per time, `count` is the number of values per
+    step.
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (F,)
-        In cycles per unit of time.
-    dt : float
-    count : int
-        Number of values per step.
-
-    Examples
-    --------
-    >>> import numpy as np
     >>> values = np.random.default_rng(1).normal(size=(100, 3))
     >>> sums = FourierSums(np.array([0.1, 0.2]), 0.5, 3)
     >>> sums.add(0, values[:30])
@@ -88,19 +78,6 @@ class SampledSums:
     Anything too fast for the samples is aliased to lower frequencies. The error is estimated from a combination of all
     values with random signs, of which alone all steps are summed as well.
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (F,)
-        In cycles per unit of time.
-    dt : float
-    every : int
-        Number of steps from one sample to the next; the weight of a sample is larger by this factor.
-    count : int
-        Number of values per step.
-
-    Examples
-    --------
-    >>> import numpy as np
     >>> times = np.arange(400)
     >>> slow, fast = (np.exp(-((times - 200) / 60) ** 2) * np.cos(2 * np.pi * f * times) for f in (0.05, 0.45))
     >>> missed = []

@@ -1,4 +1,4 @@
-"""Recorders of a run, step by step: receivers, spectra, and whatever derives from `Recorder`."""
+"""What every recorder is: what it requests from the time loop, what it receives, and the rows that it keeps."""
 
 from __future__ import annotations
 
@@ -20,84 +20,45 @@ Arrays = dict[str, np.ndarray]
 
 
 class RecordRequest(NamedTuple):
-    """What a recorder requests from the time loop.
+    """What a recorder requests from the time loop."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (N,)
-        Flat indices of nodes in the lattice, on several processes in the whole one.
-    blocks : tuple of Blocks
-        Sums over blocks of nodes of the lattice, computed in the loop.
-    every : int
-        Only rows of steps that are multiples of it are needed; other rows may hold anything.
-    stop : bool
-        Whether the loop returns after such steps, so that the recorder can examine the run in that state.
-    heat : bool
-        Whether the thermal strain is wanted as well, by the sums over the first of the blocks.
-    held : tuple of ndarray of int
-        Groups of nodes, likewise, whose constraint forces are wanted.
-    """
-
-    nodes: np.ndarray
-    blocks: tuple[Blocks, ...]
-    every: int = 1
-    stop: bool = False
-    heat: bool = False
-    held: tuple[np.ndarray, ...] = ()
+    nodes: np.ndarray  # flat indices of nodes in the lattice, on several processes in the whole one, shape (N,)
+    blocks: tuple[Blocks, ...]  # weighted sums over blocks of nodes, computed in the loop
+    every: int = 1  # only rows of steps that are multiples of it are needed; other rows may hold anything
+    stop: bool = False  # the loop returns after such steps, so that the recorder can examine the run
+    heat: bool = False  # the thermal strain as well, summed over the first of the blocks
+    held: tuple[np.ndarray, ...] = ()  # groups of nodes, likewise, whose constraint forces are needed
 
 
 class StepValues(NamedTuple):
-    """What a recorder receives for some steps: the field minus the background. The arrays are reused for the next
-    steps.
-
-    Attributes
-    ----------
-    nodes : ndarray, shape (steps, N, components)
-    blocks : tuple of ndarray, each of shape (steps, n, components)
-        Those of the thermal strain, the same for all components, come last.
-    forces : ndarray, shape (steps, groups, components)
-        Sums of the forces, per unit mass of a node of the medium, that held each group in a step: those at the time
-        before it.
+    """What a recorder receives for some steps, the field minus the background, in arrays that are used again for the
+    next.
     """
 
-    nodes: np.ndarray
+    nodes: np.ndarray  # shape (steps, N, components)
+    # each of shape (steps, n, components); those of the thermal strain, the same for all components, come last
     blocks: tuple[np.ndarray, ...]
+    # sums of the forces, per unit mass of a node of the medium, that held each group in a step: those at the time
+    # before it; shape (steps, groups, components)
     forces: np.ndarray = np.zeros((0, 0, 0))
 
 
 class Recorder(Registered, ABC):
     """An object that records a run in every step of the compiled loop; it is passed to a run in ``observe=[...]``.
 
-    A recorder serves one run at a time: when passed to another one, it discards what it has recorded.
-
-    Attributes
-    ----------
-    tag : str
-        Its table in a case file, with underscores: ``CrackTips`` is "crack-tips", its table ``[[crack_tips]]``.
-    known : dict of str to type
-        All recorders by name, including user-defined ones.
-    several : bool
-        Whether a case file has a list of its tables; otherwise one table.
-    name : str
-        Name by which results and checkpoints identify it.
-    run : int
-        Number of the run that it serves, among the runs of this process.
-    notes : list of str
-        Notes on what is allowed but should be known.
-    doubts : sequence of str
-        Why the recorded data may be wrong: each entry is a `ValidityWarning` when the simulation is created.
-    shared : bool
-        Whether it can record runs on several processes: everything that it requests and receives then refers to the
-        whole lattice and is the same on all of them.
+    A recorder serves one run at a time: when passed to another one, it discards what it has recorded. ``CrackTips`` has
+    the table ``[[crack_tips]]`` in a case file, unless the class states another `tag`.
     """
 
-    known: ClassVar[dict[str, type[Recorder]]] = {}
-    several: ClassVar[bool] = True
-    name: str
+    known: ClassVar[dict[str, type[Recorder]]] = {}  # all recorders by name, including user-defined ones
+    several: ClassVar[bool] = True  # a case file has a list of its tables; otherwise one table
+    name: str  # by which results and checkpoints identify it
     notes: list[str]
-    doubts: Sequence[str] = ()
+    doubts: Sequence[str] = ()  # why the data may be wrong: `ValidityWarning` when the simulation is created
+    # it can record runs on several processes: all that it requests and receives then refers to the whole lattice and is
+    # the same on all of them
     shared = False
-    run = 0
+    run = 0  # number of the run that it serves, among the runs of this process
 
     @property
     @abstractmethod
@@ -124,33 +85,19 @@ class Recorder(Registered, ABC):
 
     @abstractmethod
     def begin(self, setup: Any, parts: Any) -> RecordRequest:
-        """Specify what to record of a run.
-
-        Parameters
-        ----------
-        setup : Setup
-        parts : Parts
-            Those of `farhorizon.simulation.assembly`.
-
-        Raises
-        ------
-        InputError
-            Quantities that this run cannot provide.
+        """Specify what to record of a run, given its set-up and the parts made from it; raises InputError for
+        quantities that it cannot provide.
         """
 
     def foresee(self, until: float, steps: int) -> None:
-        """Examine a run to a given time, of the given total number of steps, as `run` does first.
-
-        Raises
-        ------
-        InputError
-            Data of this run that cannot be recorded.
+        """Examine a run to a given time, of that many steps in all, as `run` does first; raises InputError for what
+        cannot be recorded.
         """
 
     @abstractmethod
     def start(self, step: int, step_values: StepValues) -> None:
-        """Discard what was recorded and record the values at the first step, in the last of two rows; the row before
-        has those one step earlier.
+        """Discard what was recorded and record the first step, in the last of two rows; the row before is one step
+        earlier.
         """
 
     @abstractmethod
@@ -159,7 +106,7 @@ class Recorder(Registered, ABC):
 
     @abstractmethod
     def state(self) -> Arrays:
-        """Everything that `take` needs to continue from here."""
+        """Return everything that `take` needs to continue from here."""
 
     @abstractmethod
     def take(self, state: Arrays) -> None:
@@ -167,32 +114,17 @@ class Recorder(Registered, ABC):
 
 
 class Plane(NamedTuple):
-    """A plane across an axis.
-
-    Parameters
-    ----------
-    axis : str
-        Normal of the plane: x, y or z.
-    position : float
-        Coordinate of the plane along its normal.
-    """
+    """A plane across an axis x, y or z, at a coordinate along it."""
 
     axis: str
     position: Length
 
 
 class RowRecorder(Recorder):
-    """A recorder that keeps rows of its quantities until they are in a file.
+    """A recorder that keeps rows of its quantities until they are in a file."""
 
-    Attributes
-    ----------
-    points : ndarray, shape (n, dim)
-    unbroken : bool
-        Whether there is a row for every step: the first step then determines all of them.
-    """
-
-    points: np.ndarray
-    unbroken = False
+    points: np.ndarray  # shape (n, dim)
+    unbroken = False  # there is a row for every step: the first step then determines all of them
 
     def __init__(self, name: str) -> None:
         self.name = recorder_name(name)
@@ -252,12 +184,8 @@ class RowRecorder(Recorder):
 
 
 def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> str:
-    """Return, in words, the size of a record of some nodes over all steps.
-
-    Raises
-    ------
-    InputError
-        More bytes than the machine has available.
+    """Return, in words, the size of a record of some nodes over all steps; raises InputError if it exceeds the
+    available memory.
     """
     size = f"about {need / 2**30:.3g} GiB for {nodes} nodes and {steps} steps"
     if need > available_memory():
@@ -277,10 +205,10 @@ Observer = Callable[[Any], None] | Recorder
 
 def recorders_given(observe: Any) -> tuple[Any, ...]:
     """Return the class of each recorder among some observers, with the arguments that it was given."""
-    found = [one for one in observe if isinstance(one, Recorder)] if isinstance(observe, Iterable) else []
-    names = [inspect.signature(type(one)).parameters for one in found]
+    recorders = [given for given in observe if isinstance(given, Recorder)] if isinstance(observe, Iterable) else []
     return tuple(
-        (type(one), {name: getattr(one, name, None) for name in its}) for one, its in zip(found, names, strict=True)
+        (type(recorder), {name: getattr(recorder, name, None) for name in inspect.signature(type(recorder)).parameters})
+        for recorder in recorders
     )
 
 
@@ -297,13 +225,7 @@ def check_from_start(step: int, what: str, key: str) -> None:
 
 
 def check_begun(begun: bool, what: str, key: str) -> None:
-    """Raise InputError if data are requested of a recorder that has not recorded a run.
-
-    Raises
-    ------
-    InputError
-        No run has begun.
-    """
+    """Raise InputError if data are requested of a recorder that has not recorded a run."""
     if not begun:
         raise InputError(
             f"the {what} of no run",
@@ -315,12 +237,8 @@ def check_begun(begun: bool, what: str, key: str) -> None:
 
 
 def recorder_name(value: object) -> str:
-    """Return the name of a recorder, which consists of letters, digits, - and _, so that it can be used in files.
-
-    Raises
-    ------
-    InputError
-        Anything else.
+    """Return the name of a recorder, of letters, digits, - and _, so that files can have it; raises InputError
+    otherwise.
     """
     name = kinds.text(value, "name")
     if not name or not all(letter.isalnum() or letter in "-_" for letter in name):
