@@ -53,7 +53,7 @@ from farhorizon.inputs.local_sources import PointSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Wave
-from farhorizon.simulation.recorders.spectra import Spectra
+from farhorizon.simulation.recorders.receivers import Spectra
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation

@@ -48,12 +48,11 @@ from farhorizon.simulation.recorders.far_box import (
 from farhorizon.simulation.recorders.fourier_sums import SampledSums
 from farhorizon.simulation.recorders.recorder import (
     Arrays,
-    Recorder,
+    LinearRecorder,
     RecordRequest,
     StepValues,
     check_begun,
     check_from_start,
-    recorder_name,
 )
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.time.outer_loop import checked_end, warn
@@ -64,7 +63,7 @@ _STILL = 1e-6  # squared speeds below this part of the largest are rounding: suc
 _SEEN = 16  # steps between two checks of the largest field
 
 
-class FarField(Recorder):
+class FarField(LinearRecorder):
     r"""Waves that a run radiates into the surrounding unbounded medium: receivers at any distance, patterns by
     direction and frequency, cross sections. It is passed to a run in ``observe=[...]``.
 
@@ -132,6 +131,7 @@ class FarField(Recorder):
 
     several: ClassVar[bool] = False
     shared = True
+    sums: SampledSums
 
     def __init__(
         self,
@@ -148,10 +148,9 @@ class FarField(Recorder):
         self.directions = directions
         needed = self.points is not None or not self.frequencies.size
         self.history = needed if history is None else kinds.flag(history, "far_field.history")
-        self.name = recorder_name(name)
+        super().__init__(name)
         if needed:
             check_kept(self.history, "history = true, or frequencies without points")
-        self.notes: list[str] = []
         self._steps = -1
 
     def __repr__(self) -> str:
@@ -168,7 +167,6 @@ class FarField(Recorder):
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)
         self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
-        self._every = steps_between_samples(near, self.frequencies)
         self._reach = near.lattice.spacing * np.array(self._scheme.stencil.reach, float)
         first, last = corner_nodes(near.lattice, self.box, self._scheme.stencil.reach)
         self._shell = Shell(self._scheme.stencil, first, last)
@@ -177,6 +175,9 @@ class FarField(Recorder):
         self.notes = check_outside(setup, parts, self._faces, self._reach)
         if self.points is not None:
             self._receivers(self.points)
+        self.sums = SampledSums(
+            self.frequencies, self._scheme.dt, steps_between_samples(near, self.frequencies), self._count
+        )
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
         self._parts = parts
         self._judged = list[str]()
@@ -199,22 +200,21 @@ class FarField(Recorder):
         """How many numbers are recorded in a step."""
         return self._scheme.stencil.components * len(self._shell.nodes)
 
-    def start(self, step: int, step_values: StepValues) -> None:
+    def functional(self, step_values: StepValues) -> np.ndarray:
+        return np.array(step_values.nodes.swapaxes(1, 2).reshape(len(step_values.nodes), -1), float, order="C")
+
+    def restart(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
         check_from_start(step, "a far field", "far_field")
         self._rows: list[np.ndarray] = []
-        self._sums = SampledSums(self.frequencies, self._scheme.dt, self._every, self._count)
         self._steps, self._largest, self._last = -1, 0.0, 0.0
-        self.add(0, StepValues(step_values.nodes[-1:], ()))
+        self.keep(step, values[1:], forces)
 
-    def add(self, step: int, step_values: StepValues) -> None:
-        rows = np.array(step_values.nodes.swapaxes(1, 2).reshape(len(step_values.nodes), -1), float)
+    def keep(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
         if self.history:
-            self._rows.append(rows)
-        if self.frequencies.size:
-            self._sums.add(step, rows)
-        self._steps += len(rows)
-        self._last = float(np.abs(rows[-1]).max(initial=0.0))
-        self._largest = max(self._largest, self._last, float(np.abs(rows[::_SEEN]).max(initial=0.0)))
+            self._rows.append(values)
+        self._steps += len(values)
+        self._last = float(np.abs(values[-1]).max(initial=0.0))
+        self._largest = max(self._largest, self._last, float(np.abs(values[::_SEEN]).max(initial=0.0)))
         if self._steps == self._end and self.frequencies.size:
             for text in self._judge():
                 warn(text)
@@ -228,9 +228,6 @@ class FarField(Recorder):
     def asked(self) -> Arrays:
         """The frequencies, and the points if there are any."""
         return {"frequencies": self.frequencies} | ({} if self.points is None else {"points": self.points})
-
-    def forget(self) -> None:
-        """Do nothing: receivers need the complete history of the shell."""
 
     @property
     def names(self) -> list[str]:
@@ -256,13 +253,13 @@ class FarField(Recorder):
 
     def state(self) -> Arrays:
         rows = np.concatenate([np.zeros((0, self._count)), *self._rows])
-        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **self._sums.state()}
+        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **self.sums.state()}
 
     def take(self, state: Arrays) -> None:
         self._rows = [state["rows"]]
         steps, self._largest, self._last = map(float, state["counts"])
         self._steps = int(steps)
-        self._sums.take(state)
+        self.sums.take(state)
 
     # --- in time -----------------------------------------------------------------------------------------------
 
@@ -462,7 +459,7 @@ class FarField(Recorder):
     @property
     def _spectra(self) -> np.ndarray:
         """Spectra of the field on the shell, with time dependence ``exp(-i omega t)``; shape (F, components, W)."""
-        return self._sums.values.conj().reshape(len(self.frequencies), self._scheme.stencil.components, -1)
+        return self.sums.values.conj().reshape(len(self.frequencies), self._scheme.stencil.components, -1)
 
     @property
     def _spectral_forces(self) -> np.ndarray:
@@ -511,7 +508,7 @@ class FarField(Recorder):
 
     def _judge(self) -> list[str]:
         """Return why the spectra so far may be doubtful, and update the notes."""
-        judged = spectral_notes(self._last, self._largest, self._sums.missed)
+        judged = spectral_notes(self._last, self._largest, self.sums.missed)
         self.notes = [note for note in self.notes if note not in self._judged] + judged
         self._judged = judged
         return judged

@@ -14,7 +14,7 @@ from farhorizon.arguments import Points, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.recorder import RecordRequest, RowRecorder, StepValues
+from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup
 
@@ -143,23 +143,20 @@ class StressIntensity(RowRecorder):
         self._faces = np.array([of_loads for _, of_loads in pairs])  # (tips, loads, modes)
         weights = np.array([of_nodes for of_nodes, _ in pairs])  # (tips, modes, nodes, components)
         nodes = np.flatnonzero(weights.any((0, 1, 3)))
-        self._table, self._dt = weights[:, :, nodes], near.dt
+        self._table, self.dt = weights[:, :, nodes], near.dt
         return RecordRequest(nodes, (), self.every)
 
-    def start(self, step: int, step_values: StepValues) -> None:
-        self._begin_rows({"rows": np.zeros((0, *self._table.shape[:2]))})
-        self.add(step, StepValues(step_values.nodes[1:], ()))
-
-    def add(self, step: int, step_values: StepValues) -> None:
-        kept = slice(-step % self.every, None, self.every)
-        rows = step_values.nodes[kept]
-        if len(rows):
-            steps = np.arange(step, step + len(step_values.nodes))[kept]
-            loads = np.array([[time(self._dt * n) for time in self._times] for n in steps]).reshape(len(steps), -1)
-            # step by step: the rounding of a sum over all depends on how many are added at once
-            found = [np.einsum("tknc,nc->tk", self._table, row) for row in rows]
-            faces = [np.einsum("tjk,j->tk", self._faces, load) for load in loads]
-            self._keep(steps, {"rows": np.add(found, faces)})
+    def rows(self, window: Window) -> Arrays:
+        count, (states,) = len(window.steps), window.values
+        loads = np.array([[time(self.dt * n) for time in self._times] for n in window.steps]).reshape(
+            count, len(self._times)
+        )
+        # step by step: the rounding of a sum over all depends on how many are added at once
+        intensities = np.zeros((count, *self._table.shape[:2]))
+        for row, (state, load) in enumerate(zip(states, loads, strict=True)):
+            intensities[row] = np.einsum("tknc,nc->tk", self._table, state)
+            intensities[row] += np.einsum("tjk,j->tk", self._faces, load)
+        return {"rows": intensities}
 
 
 def _weights(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:

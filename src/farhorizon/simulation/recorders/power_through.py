@@ -17,8 +17,8 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.recorders.flux import bonds_left, is_cut, plane
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
-from farhorizon.simulation.recorders.recorder import Arrays, Plane, RecordRequest, RowRecorder, StepValues, check_begun
-from farhorizon.simulation.recorders.spectra import as_frequencies, check_frequencies
+from farhorizon.simulation.recorders.receivers import as_frequencies, check_frequencies
+from farhorizon.simulation.recorders.recorder import Arrays, Plane, RecordRequest, RowRecorder, Window, check_begun
 from farhorizon.simulation.setup.setup import Setup
 
 _SYMMETRIC = 1e-12  # asymmetry relative to the largest weight of a bond
@@ -89,6 +89,8 @@ class PowerThrough(RowRecorder):
     """
 
     shared = unbroken = True
+    before = after = 1
+    sums: FourierSums
 
     tag: ClassVar[str] = "power"
 
@@ -151,7 +153,7 @@ class PowerThrough(RowRecorder):
             There has not been a run.
         """
         check_begun(self.points.size > 0, "energy", "power")
-        sums, dt = self._sums.values, self._dt
+        sums, dt = self.sums.values, self.dt
         through = [np.einsum("fi,fi->f", sums.conj(), (form @ sums.T).T).imag for form in self._forms]
         return np.sin(2 * np.pi * self.frequencies * dt)[:, None] / dt * np.stack(through, axis=-1)
 
@@ -175,7 +177,7 @@ class PowerThrough(RowRecorder):
             crossing = [_of_known(states, *pair, parts) for pair in zip(crossing, surfaces, strict=True)]
             nodes = np.union1d(nodes, states.places)
         self.points = np.array([surface.middle for surface in surfaces])
-        self._dt = parts.near.dt
+        self.dt = parts.near.dt
         mass = parts.near.mass
         self._forms = [
             _form(np.searchsorted(nodes, bonds.ends), mass * bonds.weights, len(nodes)) for bonds in crossing
@@ -184,34 +186,18 @@ class PowerThrough(RowRecorder):
             divergences = mass * passes.sums.divergence
             of_states = [states.form(nodes, bonds.ends, divergences[bonds.offsets]) for bonds in crossing]
             self._forms = [of_springs + form for of_springs, form in zip(self._forms, of_states, strict=True)]
+        self.sums = FourierSums(self.frequencies, self.dt, parts.near.stencil.components * len(nodes))
         return RecordRequest(nodes, ())
 
-    def start(self, step: int, step_values: StepValues) -> None:
-        self.forget()
-        self._last = step_values.nodes
-        self._sums = FourierSums(self.frequencies, self._dt, int(np.prod(step_values.nodes.shape[1:])))
-        self._sums.add(step, step_values.nodes[1:].reshape(1, -1))
-
-    def add(self, step: int, step_values: StepValues) -> None:
-        rows = np.concatenate([self._last, step_values.nodes]).reshape(len(step_values.nodes) + 2, -1)
-        self._last = rows[-2:].reshape(2, *step_values.nodes.shape[1:])
-        if self.frequencies.size:
-            self._sums.add(step, rows[2:])
-        now, twice = rows[1:-1], rows[2:] - rows[:-2]
+    def rows(self, window: Window) -> Arrays:
+        earlier, now, later = (
+            values.reshape(len(values), np.prod(values.shape[1:], dtype=int)) for values in window.values
+        )
+        twice = later - earlier
         # row by row in the same order, however many steps are added at once: a run that is resumed has the same rows
         pulls = (np.ascontiguousarray((form @ twice.T).T) for form in self._forms)
-        powers = [-(now * pull).sum(1) / (4 * self._dt) for pull in pulls]
-        self._keep(np.arange(len(now)) + step - 1, {"power": np.stack(powers, axis=-1)})
-
-    def state(self) -> Arrays:
-        sums = {f"sums.{name}": array for name, array in self._sums.state().items()} if self.frequencies.size else {}
-        return {**super().state(), "last": self._last, **sums}
-
-    def take(self, state: Arrays) -> None:
-        super().take(state)
-        self._last = state["last"].copy()
-        if self.frequencies.size:
-            self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
+        powers = [-(now * pull).sum(1) / (4 * self.dt) for pull in pulls]
+        return {"power": np.stack(powers, axis=-1)}
 
 
 def _label(given: Any, middle: np.ndarray) -> str:

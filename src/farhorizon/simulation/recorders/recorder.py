@@ -15,6 +15,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.machine import available_memory
+from farhorizon.simulation.recorders.fourier_sums import FourierSums, SampledSums
 
 Arrays = dict[str, np.ndarray]
 
@@ -120,18 +121,84 @@ class Plane(NamedTuple):
     position: Length
 
 
-class RowRecorder(Recorder):
-    """A recorder that keeps rows of its quantities until they are in a file."""
+class LinearRecorder(Recorder, offered=False):
+    """A recorder of linear functionals of the field: `begin` requests nodes and sums over blocks of nodes, `functional`
+    arranges their values in each step, and `keep` says what is done with them; `sums` adds them up by frequency.
+    """
 
-    points: np.ndarray  # shape (n, dim)
-    unbroken = False  # there is a row for every step: the first step then determines all of them
+    sums: FourierSums | SampledSums | None = None
+    _sums_key = "sums."  # before the names of the state of `sums`
 
     def __init__(self, name: str) -> None:
         self.name = recorder_name(name)
         self.notes = []
-        self._dt = 0.0
+
+    def functional(self, step_values: StepValues) -> np.ndarray:
+        """Return the values in each step, shape (steps, ...)."""
+        return step_values.nodes
+
+    def restart(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
+        """Discard what was recorded; `values` are those of the step before the given one, and of this one."""
+
+    def keep(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
+        """Record the values after the steps from number `step` on, and the forces of `StepValues`."""
+
+    def start(self, step: int, step_values: StepValues) -> None:
+        values = self.functional(step_values)
+        if self.sums is not None:
+            self.sums.clear()
+            self.sums.add(step, values[1:])
+        self.restart(step, values, step_values.forces)
+
+    def add(self, step: int, step_values: StepValues) -> None:
+        values = self.functional(step_values)
+        if self.sums is not None:
+            self.sums.add(step, values)
+        self.keep(step, values, step_values.forces)
+
+    def forget(self) -> None:
+        """Do nothing: sums go on, and there are no rows."""
+
+    def state(self) -> Arrays:
+        if self.sums is None or not self.sums.frequencies.size:
+            return {}
+        return {f"{self._sums_key}{name}": array for name, array in self.sums.state().items()}
+
+    def take(self, state: Arrays) -> None:
+        if self.sums is not None and self.sums.frequencies.size:
+            key = self._sums_key
+            self.sums.take({name.removeprefix(key): array for name, array in state.items() if name.startswith(key)})
+
+
+class Window(NamedTuple):
+    """What the rows of some steps follow from."""
+
+    steps: np.ndarray  # shape (rows,)
+    # values of the functional, each of shape (rows, ...): `RowRecorder.before` steps earlier, ..., `after` steps later
+    values: tuple[np.ndarray, ...]
+    forces: np.ndarray  # those of `StepValues`
+
+
+class RowRecorder(LinearRecorder, offered=False):
+    """A recorder that keeps rows of quantities, which follow from the functional in one or a few consecutive steps,
+    until they are in a file.
+    """
+
+    points: np.ndarray  # shape (n, dim)
+    every = 1  # steps from one row to the next
+    before = after = 0  # how many steps before and after its own a row needs
+    unbroken = False  # there is a row for every step: the first step then determines all of them
+    _last_key = "last"  # name of the last values in the state
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.dt = 0.0  # step of the run, which `begin` sets
         self._next = 0  # step of the next row, if there is one for every step
         self._begin_rows({})
+
+    @abstractmethod
+    def rows(self, window: Window) -> Arrays:
+        """Return the rows of each quantity, each of shape (rows, ...)."""
 
     @property
     def asked(self) -> Arrays:
@@ -141,7 +208,7 @@ class RowRecorder(Recorder):
     @property
     def times(self) -> np.ndarray:
         """Times at which the rows were recorded, shape (rows,)."""
-        return np.concatenate(self._steps) * self._dt
+        return np.concatenate(self._steps) * self.dt
 
     @property
     def data(self) -> Arrays:
@@ -161,19 +228,37 @@ class RowRecorder(Recorder):
         """Discard all rows; `empty` has zero rows of each quantity, which define the shape of a row."""
         self._steps, self._rows = [np.zeros(0, np.int64)], {name: [rows] for name, rows in empty.items()}
 
-    def _keep(self, steps: np.ndarray, rows: Arrays) -> None:
-        """Append the rows of each quantity for some steps."""
-        self._steps.append(steps)
-        self._next = int(steps[-1]) + 1
+    def restart(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
+        none = values[:0]
+        self._begin_rows(self.rows(Window(np.zeros(0, np.int64), (none,) * (1 + self.before + self.after), forces[:0])))
+        self._last = values[1 - self.before : 1 + self.after].copy()
+        self.keep(step + self.after, values[1 + self.after :], forces)
+
+    def keep(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
+        more, count, first = self.before + self.after, len(values), step - self.after
+        known = np.concatenate([self._last, values]) if more else values
+        kept = slice(-first % self.every, count, self.every)
+        steps = np.arange(first, first + count)[kept]
+        if len(steps):
+            shifted = tuple(known[shift : shift + count][kept] for shift in range(more + 1))
+            self._append(steps, self.rows(Window(steps, shifted, forces[kept])))
+        self._last = known[len(known) - more :].copy()
+
+    def _append(self, steps: np.ndarray, rows: Arrays) -> None:
         for name, values in rows.items():
             self._rows[name].append(values)
+        self._steps.append(steps)
+        self._next = int(steps[-1]) + 1
 
     def state(self) -> Arrays:
         steps = np.concatenate(self._steps)
-        told = {"first": np.array([self._next - len(steps)])} if self.unbroken else {"steps": steps}
-        return {**told, **{name: np.concatenate(rows) for name, rows in self._rows.items()}}
+        of_steps = {"first": np.array([self._next - len(steps)])} if self.unbroken else {"steps": steps}
+        last = {self._last_key: self._last} if self.before + self.after else {}
+        rows = {name: np.concatenate(rows) for name, rows in self._rows.items()}
+        return {**of_steps, **rows, **last, **super().state()}
 
     def take(self, state: Arrays) -> None:
+        super().take(state)
         self._rows = {name: [state[name]] for name in self._rows}
         if self.unbroken:
             first, [rows] = int(state["first"][0]), next(iter(self._rows.values()))
@@ -181,6 +266,8 @@ class RowRecorder(Recorder):
             self._steps = [np.arange(first, self._next)]
         else:
             self._steps = [np.asarray(state["steps"])]
+        if self.before + self.after:
+            self._last = state[self._last_key].copy()
 
 
 def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> str:

@@ -104,9 +104,11 @@ class Probes:
         return times, values
 
 
-class _Own(NamedTuple):
-    """The part of what a recorder requests that lies in the box of this process."""
+class _Served(NamedTuple):
+    """A recorder, what it requests, and the part of it that lies in the box of this process."""
 
+    recorder: Recorder
+    request: RecordRequest
     nodes: np.ndarray
     which: np.ndarray  # which of the requested nodes these are
     blocks: list[tuple[Blocks, np.ndarray]]  # sums over blocks, and which of the requested ones these are
@@ -140,19 +142,19 @@ class Recording:
                     remedy='name="..." tells them apart',
                 )
         doubts_before, self._number = self.doubts, next(_NUMBERS)
-        self._requests: list[RecordRequest] = []
+        requests: list[RecordRequest] = []
         for recorder in self.recorders:
             with self._naming(recorder), team.agreed():
-                self._requests.append(recorder.begin(setup, parts))
+                requests.append(recorder.begin(setup, parts))
             recorder.run = self._number
         for text in self.doubts:
             if text not in doubts_before:  # recorders of a run that is made anew have already issued theirs
                 warn(text)
-        self._own = [self._part_of(request) for request in self._requests]
+        self._served = [self._part_of(*pair) for pair in zip(self.recorders, requests, strict=True)]
         self._probed, self._own_probed = np.zeros(0, np.int64), (np.zeros(0, np.int64), np.zeros(0, np.int64))
         self._lay()
-        for recorder, request, own in zip(self.recorders, self._requests, self._own, strict=True):
-            recorder.start(0, self._now(request, own))
+        for served in self._served:
+            served.recorder.start(0, self._now(served))
 
     @contextmanager
     def _naming(self, recorder: Recorder) -> Iterator[None]:
@@ -172,30 +174,29 @@ class Recording:
         """Tell the engine what to keep: all components of nodes, one after the other, and the sums over blocks."""
         engine, lead = self._grid.engine, self._grid.lead
         places = self._grid.nodes.ravel()
-        of_nodes = [self._own_probed[0], *(own.nodes for own in self._own)]
+        of_nodes = [self._own_probed[0], *(served.nodes for served in self._served)]
         engine.record_nodes(np.concatenate([engine.all_components(places[nodes]) for nodes in of_nodes]))
         sums: list[tuple[np.ndarray, list[np.ndarray]]] = []
-        for blocks in (blocks for own in self._own for blocks, which in own.blocks if len(which)):
+        for blocks in (blocks for served in self._served for blocks, which in served.blocks if len(which)):
             first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
             sums += [(first + component * engine.layout.size, along) for component in range(engine.components)]
         record_blocks(engine, sums)
-        counts = [
-            len(request.nodes) + sum(len(blocks.first) for blocks in request.blocks) for request in self._requests
-        ]
-        # how many numbers per step, over all processes
-        self._kept = engine.components * (len(self._probed) + sum(counts))
-        strides = [request.every for request in self._requests]
-        engine.watch_stride = math.gcd(*strides, int(self._probed.size > 0)) or 1
-        engine.forces_wanted = any(request.held for request in self._requests)
+        requests = [served.request for served in self._served]
+        count = len(self._probed) + sum(
+            len(asked.nodes) + sum(len(b.first) for b in asked.blocks) for asked in requests
+        )
+        self._kept = engine.components * count  # how many numbers per step, over all processes
+        engine.watch_stride = math.gcd(*(asked.every for asked in requests), int(self._probed.size > 0)) or 1
+        engine.forces_wanted = any(asked.held for asked in requests)
 
-    def _part_of(self, request: RecordRequest) -> _Own:
+    def _part_of(self, recorder: Recorder, request: RecordRequest) -> _Served:
         lattice = self._near.lattice
-        nodes, which = self._nodes_of(request.nodes)
-        own_blocks = [(blocks, np.arange(len(blocks.first))) for blocks in request.blocks]
+        blocks = [(blocks, np.arange(len(blocks.first))) for blocks in request.blocks]
         if self._team:
-            own_blocks = [blocks.within(lattice.first, lattice.shape) for blocks in request.blocks]
-        return _Own(nodes, which, own_blocks, own_blocks[0][0].entries() if request.heat else None)
+            blocks = [blocks.within(lattice.first, lattice.shape) for blocks in request.blocks]
+        strain = blocks[0][0].entries() if request.heat else None
+        return _Served(recorder, request, *self._nodes_of(request.nodes), blocks, strain)
 
     def _nodes_of(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return those of some nodes of the lattice that lie in this part of it, and which of them these are."""
@@ -211,7 +212,7 @@ class Recording:
         self._probed, self._own_probed = nodes, self._nodes_of(nodes)
         self._lay()
 
-    def _now(self, request: RecordRequest, own: _Own) -> StepValues:
+    def _now(self, served: _Served) -> StepValues:
         """Return what a recorder receives for the previous step and the present one, from the present state."""
         engine, grid = self._grid.engine, self._grid
         order = self._near.model.order
@@ -219,23 +220,24 @@ class Recording:
         flat = [np.array(grid.view(level), float).reshape(engine.components, -1).T for level in levels]
         values = np.stack(flat)  # (2, nodes, components)
         block_values = []
-        for blocks, _ in own.blocks:
+        for blocks, _ in served.blocks:
             nodes, weights = blocks.entries()
             block_values.append(np.einsum("rnkc,nk->rnc", values[:, nodes], weights))
-        return self._of_all(request, own, values[:, own.nodes], block_values)
+        none = np.zeros((0, len(served.request.held), engine.components))
+        return self._of_all(served, values[:, served.nodes], block_values)._replace(forces=none)
 
-    def _of_all(self, request: RecordRequest, own: _Own, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> StepValues:
+    def _of_all(self, served: _Served, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> StepValues:
         """Combine the values of all processes."""
-        completed = self._team.completed
+        completed, request = self._team.completed, served.request
         sums = [
             completed(values, which, len(requested.first), 1)
-            for values, (_, which), requested in zip(blocks, own.blocks, request.blocks, strict=True)
+            for values, (_, which), requested in zip(blocks, served.blocks, request.blocks, strict=True)
         ]
-        if own.strain is not None and self._heating is not None:
-            own_strains = self._heating.at_points(*own.strain, len(blocks[0]))[..., None]
-            strains = completed(own_strains, own.blocks[0][1], len(request.blocks[0].first), 1)
+        if served.strain is not None and self._heating is not None:
+            own_strains = self._heating.at_points(*served.strain, len(blocks[0]))[..., None]
+            strains = completed(own_strains, served.blocks[0][1], len(request.blocks[0].first), 1)
             sums.append(np.broadcast_to(strains, sums[0].shape))
-        return StepValues(completed(nodes, own.which, len(request.nodes), 1), tuple(sums))
+        return StepValues(completed(nodes, served.which, len(request.nodes), 1), tuple(sums))
 
     def foresee(self, until: float, steps: int) -> None:
         """Announce a run to a time, of `steps` steps in all, to the recorders."""
@@ -260,7 +262,7 @@ class Recording:
                     remedy="a recorder of its own for each run",
                 )
         most = max(BLOCK, _ROOM // max(1, self._kept))
-        to_stops = [request.every - step % request.every for request in self._requests if request.stop]
+        to_stops = [s.request.every - step % s.request.every for s in self._served if s.request.stop]
         wanted = min([wanted, most, *to_stops])
         to_block = wanted - (step + wanted + 1) % BLOCK
         return to_block if 2 * to_block > wanted else wanted
@@ -269,16 +271,16 @@ class Recording:
         """Pass the values that the loop has kept in its last steps, from number `step` on, to the recorders."""
         engine, row = self._grid.engine, 0
         start = self._width(self._own_probed[0])
-        for recorder, request, own in zip(self.recorders, self._requests, self._own, strict=True):
-            end = start + self._width(own.nodes)
+        for served in self._served:
+            end = start + self._width(served.nodes)
             nodes, start = _by_component(engine.node_values[:, start:end], engine.components), end
             block_values = []
-            for blocks, _ in own.blocks:
+            for blocks, _ in served.blocks:
                 last = row + engine.components * len(blocks.first)
                 block_values.append(_by_component(engine.block_values[:, row:last], engine.components))
                 row = last
-            values = self._of_all(request, own, nodes, block_values)
-            recorder.add(step, values._replace(forces=self._forces(step, request.held)) if request.held else values)
+            values, held = self._of_all(served, nodes, block_values), served.request.held
+            served.recorder.add(step, values._replace(forces=self._forces(step, held)) if held else values)
 
     def _forces(self, step: int, groups: Sequence[np.ndarray]) -> np.ndarray:
         """Return the sums over groups of nodes of the forces that held them in the last steps, from number `step` on;
@@ -321,9 +323,9 @@ class Recording:
     def state(self) -> Arrays:
         """Return the state of all recorders, by their names."""
         return {
-            f"recorder/{recorder.name}/{name}": array
-            for recorder, request in zip(self.recorders, self._requests, strict=True)
-            for name, array in {**recorder.state(), **_asked(recorder, request)}.items()
+            f"recorder/{served.recorder.name}/{name}": array
+            for served in self._served
+            for name, array in {**served.recorder.state(), **_asked(served)}.items()
         }
 
     def take(self, arrays: Arrays, step: int) -> None:
@@ -331,13 +333,14 @@ class Recording:
 
         Raises FileFormatError if something else was recorded under the name of a recorder.
         """
-        for recorder, request, own in zip(self.recorders, self._requests, self._own, strict=True):
+        for served in self._served:
+            recorder = served.recorder
             head = f"recorder/{recorder.name}/"
             stored = {name.removeprefix(head): array for name, array in arrays.items() if name.startswith(head)}
             if not stored:
-                recorder.start(step, self._now(request, own))
+                recorder.start(step, self._now(served))
                 continue
-            present, asked = recorder.state(), _asked(recorder, request)
+            present, asked = recorder.state(), _asked(served)
             asked_before = {name: stored.pop(name, asked[name]) for name in asked}
             alike = present.keys() == stored.keys() and all(
                 present[name].shape[1:] == array.shape[1:] for name, array in stored.items()
@@ -357,9 +360,9 @@ class Recording:
             recorder.take(stored)
 
 
-def _asked(recorder: Recorder, request: RecordRequest) -> Arrays:
+def _asked(served: _Served) -> Arrays:
     """Return where, how often and at which frequencies a recorder records."""
-    asked = {"every": np.array([request.every]), **recorder.asked}
+    asked = {"every": np.array([served.request.every]), **served.recorder.asked}
     return {f"asked.{name}": np.asarray(values, float) for name, values in asked.items()}
 
 
