@@ -552,12 +552,12 @@ class _Arrivals:
             "its amplitude on the box; FarField.at(points, until=...) with a later end, or a longer run, contains it"
         ]
 
-    def forget_unknown(self, values: np.ndarray, end: int, left: float, largest: float) -> list[str]:
+    def forget_unknown(self, values: np.ndarray, end: int, remaining: float, largest: float) -> list[str]:
         """Overwrite values, of shape (steps + 1, P[, components]), by nan from the step on at which what leaves the box
-        after the run may have arrived; return the warning that says so. `left` and `largest` are the largest values on
-        the shell at the end of the run and in all of it.
+        after the run may have arrived; return the warning that says so. `remaining` and `largest` are the largest
+        values on the shell at the end of the run and in all of it.
         """
-        if left <= LEFT * largest:
+        if remaining <= LEFT * largest:
             return []
         last_known = [end + _steps_of_travel(self.scheme, self.shell, receiver) for receiver in self.receivers]
         for number, step in enumerate(last_known):
@@ -566,11 +566,11 @@ class _Arrivals:
         if not short:
             return []
         step, number = min(short)
-        when, over = (f"t = {one * self.scheme.dt:.6g}" for one in (step, end))
+        when, run_end = (f"t = {number * self.scheme.dt:.6g}" for number in (step, end))
         return [
             f"the far field {self._at(number, len(short))} is known up to {when} and is nan after it: at the end of "
-            f"the run, at {over}, {left / largest:.2g} of the largest value remains on the box, and what leaves it "
-            "later may arrive; a longer run supplies it"
+            f"the run, at {run_end}, {remaining / largest:.2g} of the largest value remains on the box, and what leaves "
+            "it later may arrive; a longer run supplies it"
         ]
 
     def _at(self, number: int, count: int) -> str:

@@ -300,16 +300,19 @@ def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
     grid, engine, part, lattice = parts.grid, parts.grid.engine, parts.near.lattice, parts.whole.near.lattice
     reach, shape, sides = np.array(parts.near.stencil.reach), np.array(lattice.shape), surface.sides
     # only nodes within one reach of the surface have bonds that cross it
-    beside = maximum_filter(sides, 2 * reach + 1) != minimum_filter(sides, 2 * reach + 1)
-    own = np.argwhere(beside[tuple(slice(m, -m or None) for m in reach)])
-    index, here = own + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own.T)]
-    side = sides[tuple((own + reach).T)]
+    next_to_surface = maximum_filter(sides, 2 * reach + 1) != minimum_filter(sides, 2 * reach + 1)
+    own_index = np.argwhere(next_to_surface[tuple(slice(m, -m or None) for m in reach)])
+    index, here = own_index + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own_index.T)]
+    side = sides[tuple((own_index + reach).T)]
     wraps = np.array([parts.whole.sides[a, -1].periodic for a in range(lattice.dim)])
     ends, weights = [np.zeros((0, 3), np.int64)], [np.zeros((0, engine.components, engine.components))]
     for number, (offset, weight) in enumerate(zip(engine.offsets, engine.weights, strict=True)):
         step = offset[grid.lead :]
         neighbours = np.where(wraps, (index + step) % shape, index + step)
-        outside, side_change = (neighbours < 0) | (neighbours >= shape), sides[tuple((own + reach + step).T)] - side
+        outside, side_change = (
+            (neighbours < 0) | (neighbours >= shape),
+            sides[tuple((own_index + reach + step).T)] - side,
+        )
         within, crosses = ~outside.any(axis=1), side_change > 0
         leads_out = outside[:, surface.axes].any(axis=1) & (side_change != 0)
         some = np.flatnonzero(crosses & within | leads_out)

@@ -199,14 +199,14 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
         u = np.where(run.fields["damage"] > 0, np.nan, u)
     cuts = [crack.cut for crack in run.setup.cracks if crack.opens <= run.time]
     lattice_around, u_around = (lattice, u) if run.subdomain is None else run.subdomain.wider(u, _BESIDE, run.team)
-    own: tuple[Any, ...] = (
+    own_part: tuple[Any, ...] = (
         ...,
         *(
             slice(f - low, f - low + n)
             for f, low, n in zip(lattice.first, lattice_around.first, lattice.shape, strict=True)
         ),
     )
-    slopes = [_slope(u_around, axis, lattice_around, cuts)[own] for axis in range(dim)]
+    slopes = [_slope(u_around, axis, lattice_around, cuts)[own_part] for axis in range(dim)]
     alone = np.isnan(slopes).all((0, 1)) & np.isfinite(u).all(0)
     for slope in slopes:
         slope[:, alone] = 0.0  # a node without neighbours has no bonds, and so no stress
@@ -226,17 +226,17 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     return {name: values.reshape(lattice.shape) for name, values in components.items()}
 
 
-def von_mises(tensor: np.ndarray, across: Any = 0.0, beside: Any = 0.0) -> np.ndarray:
+def von_mises(tensor: np.ndarray, ratio: Any = 0.0, thermal: Any = 0.0) -> np.ndarray:
     """Return ``sqrt(3/2 s : s)`` for the deviators s of stresses of shape (n, dim, dim).
 
-    In two dimensions the normal stress across the plane is `across` times the sum of those in it (Poisson's ratio in
-    plane strain, 0 in plane stress), plus `beside` (that of heat in plane strain).
+    In two dimensions the normal stress across the plane is `ratio` times the sum of those in it (Poisson's ratio in
+    plane strain, 0 in plane stress), plus `thermal` (that of heat in plane strain).
     """
     dim = tensor.shape[-1]
     in_space = np.zeros((len(tensor), 3, 3))
     in_space[:, :dim, :dim] = tensor
     if dim == 2:
-        in_space[:, 2, 2] = across * np.trace(tensor, axis1=1, axis2=2) + beside
+        in_space[:, 2, 2] = ratio * np.trace(tensor, axis1=1, axis2=2) + thermal
     mean = np.trace(in_space, axis1=1, axis2=2) / 3
     deviator = in_space - mean[:, None, None] * np.eye(3)
     return np.asarray(np.sqrt(1.5 * (deviator**2).sum((1, 2))))

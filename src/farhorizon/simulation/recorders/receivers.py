@@ -72,8 +72,36 @@ class _AtPoints(LinearRecorder, offered=False):
         lattice, sums = parts.whole.near.lattice, []
         for axis in [None, *range(lattice.dim)] if self._derived else [None]:
             sums.append(interpolation_blocks(lattice, self.points, self.interpolation, axis, key))
-            _check_blocks(setup, parts, self.points, sums[-1], self.interpolation, axis is not None, key)
+            self._check(setup, parts, sums[-1], another_point(self.interpolation, axis is not None), key)
         return tuple(sums)
+
+    def _check(self, setup: Setup, parts: Parts, blocks: Blocks, remedy: str, key: str) -> None:
+        """Raise InputError if an interpolation uses nodes beyond a wall, which are images of those inside, or beyond a
+        crack, where the field jumps.
+        """
+        points, limit = self.points, f"interpolation = {self.interpolation!r}"
+        nodes, weights = blocks.entries()
+        hidden = ((weights != 0) & parts.hides(nodes)).any(axis=1)
+        if hidden.any():
+            raise InputError(
+                "the point needs nodes beyond a wall, which are images of those inside",
+                value=points[hidden][0],
+                limit=limit,
+                key=key,
+                remedy=remedy,
+            )
+        lattice = parts.near.lattice.whole
+        for number in np.flatnonzero(np.count_nonzero(weights, axis=1) > 1) if setup.cracks else ():
+            used = nodes[number][weights[number] != 0]
+            ends = lattice.lower + lattice.spacing * np.stack(np.unravel_index(used, lattice.shape), -1)
+            if any(crack.cut.cuts(points[number], ends).any() for crack in setup.cracks):
+                raise InputError(
+                    "a crack lies between the point and nodes that its interpolation takes",
+                    value=points[number],
+                    limit=limit,
+                    key=key,
+                    remedy=remedy,
+                )
 
     def functional(self, step_values: StepValues) -> np.ndarray:
         """Return the field, its derivatives and the thermal strain, laid out as in `Reading`."""
@@ -406,37 +434,6 @@ def _moduli_at(parts: Parts, points: np.ndarray) -> LocalModuli:
     last = np.array(lattice.shape) - 1  # points outside are refused elsewhere
     nearest = np.clip(np.round((points - lattice.lower) / lattice.spacing), 0, last).astype(int)
     return LocalModuli(*parts.at(parts.near.lame, np.ravel_multi_index(tuple(nearest.T), lattice.shape)))
-
-
-def _check_blocks(
-    setup: Setup, parts: Parts, points: np.ndarray, blocks: Blocks, method: str, derived: bool, key: str
-) -> None:
-    """Raise InputError for interpolations that use nodes beyond a wall, which are images of those inside, or beyond a
-    crack, where the field jumps.
-    """
-    remedy = another_point(method, derived)
-    nodes, weights = blocks.entries()
-    hidden = ((weights != 0) & parts.hides(nodes)).any(axis=1)
-    if hidden.any():
-        raise InputError(
-            "the point needs nodes beyond a wall, which are images of those inside",
-            value=points[hidden][0],
-            limit=f"interpolation = {method!r}",
-            key=key,
-            remedy=remedy,
-        )
-    lattice = parts.near.lattice.whole
-    for number in np.flatnonzero(np.count_nonzero(weights, axis=1) > 1) if setup.cracks else ():
-        used = nodes[number][weights[number] != 0]
-        ends = lattice.lower + lattice.spacing * np.stack(np.unravel_index(used, lattice.shape), -1)
-        if any(crack.cut.cuts(points[number], ends).any() for crack in setup.cracks):
-            raise InputError(
-                "a crack lies between the point and nodes that its interpolation takes",
-                value=points[number],
-                limit=f"interpolation = {method!r}",
-                key=key,
-                remedy=remedy,
-            )
 
 
 def as_frequencies(given: Any, key: str) -> np.ndarray:

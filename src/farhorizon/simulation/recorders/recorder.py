@@ -235,14 +235,14 @@ class RowRecorder(LinearRecorder, offered=False):
         self.keep(step + self.after, values[1 + self.after :], forces)
 
     def keep(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
-        more, count, first = self.before + self.after, len(values), step - self.after
-        known = np.concatenate([self._last, values]) if more else values
+        span, count, first = self.before + self.after, len(values), step - self.after
+        states = np.concatenate([self._last, values]) if span else values
         kept = slice(-first % self.every, count, self.every)
         steps = np.arange(first, first + count)[kept]
         if len(steps):
-            shifted = tuple(known[shift : shift + count][kept] for shift in range(more + 1))
+            shifted = tuple(states[shift : shift + count][kept] for shift in range(span + 1))
             self._append(steps, self.rows(Window(steps, shifted, forces[kept])))
-        self._last = known[len(known) - more :].copy()
+        self._last = states[len(states) - span :].copy()
 
     def _append(self, steps: np.ndarray, rows: Arrays) -> None:
         for name, values in rows.items():

@@ -245,8 +245,8 @@ class Recording:
             for recorder in self.recorders:
                 recorder.foresee(until, steps)
 
-    def allow(self, step: int, wanted: int) -> int:
-        """Return how many of the wanted steps to make from number `step` on: up to where a recorder examines the run,
+    def allow(self, step: int, steps: int) -> int:
+        """Return how many of some steps to make from number `step` on: up to where a recorder examines the run,
         few enough for the kept values to fit into memory, and ending with a block of Fourier sums unless that would
         make them less than half, because whole blocks are summed without a copy.
 
@@ -263,9 +263,9 @@ class Recording:
                 )
         most = max(BLOCK, _ROOM // max(1, self._kept))
         to_stops = [s.request.every - step % s.request.every for s in self._served if s.request.stop]
-        wanted = min([wanted, most, *to_stops])
-        to_block = wanted - (step + wanted + 1) % BLOCK
-        return to_block if 2 * to_block > wanted else wanted
+        steps = min([steps, most, *to_stops])
+        to_block = steps - (step + steps + 1) % BLOCK
+        return to_block if 2 * to_block > steps else steps
 
     def add(self, step: int) -> None:
         """Pass the values that the loop has kept in its last steps, from number `step` on, to the recorders."""
@@ -302,11 +302,11 @@ class Recording:
         (steps, nodes, components).
         """
         near, engine = self._near, self._grid.engine
-        own, which = self._own_probed
-        values = engine.node_values[:, : self._width(own)] + near.background
+        own_nodes, which = self._own_probed
+        values = engine.node_values[:, : self._width(own_nodes)] + near.background
         values = _by_component(values, engine.components)
         if near.hidden is not None:
-            values[:, near.hidden.ravel()[own]] = np.nan
+            values[:, near.hidden.ravel()[own_nodes]] = np.nan
         completed = self._team.completed(values, which, len(self._probed), 1)
         return np.asarray(completed[..., 0] if engine.components == 1 else completed)
 

@@ -256,8 +256,8 @@ def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> 
     break.
     """
     moduli = {name: getattr(model, name) / model.young for name in ("young", "bulk", "shear")}
-    given = moduli | {"poisson": model.poisson}
-    tried = model.linearised.with_constants({name: round(value, _DIGITS) for name, value in given.items()})
+    constants = moduli | {"poisson": model.poisson}
+    tried = model.linearised.with_constants({name: round(value, _DIGITS) for name, value in constants.items()})
     unit = spacing * np.sqrt(model.density / model.young)
     width = None if kernel.width is None else round(kernel.width / spacing, _DIGITS)
     tried = tried.with_constants({"density": 1.0})
@@ -316,8 +316,8 @@ def _cache_file(model: Elastic, dim: int) -> Path:
     for table in Stencil.family(model.kernel, 1.0, dim):
         mark.update(np.ascontiguousarray(table).tobytes())
     names = ("material", "plane", "stabilisation", "damping", "drag", "shape_tensor")
-    given = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
-    mark.update(repr((dim, model.kernel.calibrate, *given)).encode())
+    constants = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
+    mark.update(repr((dim, model.kernel.calibrate, *constants)).encode())
     return cache_folder() / f"toughness_{mark.hexdigest()[:24]}.npz"
 
 
