@@ -569,8 +569,8 @@ class _Arrivals:
         when, run_end = (f"t = {number * self.scheme.dt:.6g}" for number in (step, end))
         return [
             f"the far field {self._at(number, len(short))} is known up to {when} and is nan after it: at the end of "
-            f"the run, at {run_end}, {remaining / largest:.2g} of the largest value remains on the box, and what leaves "
-            "it later may arrive; a longer run supplies it"
+            f"the run, at {run_end}, {remaining / largest:.2g} of the largest value remains on the box, and what "
+            "leaves it later may arrive; a longer run supplies it"
         ]
 
     def _at(self, number: int, count: int) -> str:
