@@ -157,7 +157,7 @@ _MISES = "stress_von_mises"
 _BESIDE = 2  # nodes to either side that a difference uses
 
 
-def stress_names(dim: int) -> list[str]:
+def _stress_names(dim: int) -> list[str]:
     """Return the names of the components in a number of dimensions, from two on with the von Mises stress."""
     parts = [f"{STRESS}_{a}{b}" for a, b in combinations_with_replacement("xyz"[:dim], 2)]
     return parts if dim == 1 else [*parts, _MISES]
@@ -170,7 +170,7 @@ def fields_of(run: Any, names: Iterable[str]) -> dict[str, np.ndarray]:
     wanted = list(names)
     fields = shown_fields(run, next((name for name in wanted if name.startswith(STRESS)), ""))
     if STRESS in wanted and QUANTITIES[STRESS].has(run.model):
-        wanted = [part for name in wanted for part in (stress_names(run.lattice.dim) if name == STRESS else [name])]
+        wanted = [part for name in wanted for part in (_stress_names(run.lattice.dim) if name == STRESS else [name])]
     for name in wanted:
         if name not in fields:
             more = [STRESS] * (STRESS not in fields and QUANTITIES[STRESS].has(run.model))

@@ -115,7 +115,15 @@ class Recorder(Registered, ABC):
 
 
 class Plane(NamedTuple):
-    """A plane across an axis x, y or z, at a coordinate along it."""
+    """A plane across an axis.
+
+    Parameters
+    ----------
+    axis : str
+        Normal of the plane: x, y or z.
+    position : float
+        Coordinate of the plane along its normal.
+    """
 
     axis: str
     position: Length
@@ -130,7 +138,7 @@ class LinearRecorder(Recorder, offered=False):
     _sums_key = "sums."  # before the names of the state of `sums`
 
     def __init__(self, name: str) -> None:
-        self.name = recorder_name(name)
+        self.name = _valid_name(name)
         self.notes = []
 
     def functional(self, step_values: StepValues) -> np.ndarray:
@@ -323,7 +331,7 @@ def check_begun(begun: bool, what: str, key: str) -> None:
         )
 
 
-def recorder_name(value: object) -> str:
+def _valid_name(value: object) -> str:
     """Return the name of a recorder, of letters, digits, - and _, so that files can have it; raises InputError
     otherwise.
     """
