@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -307,37 +308,24 @@ def _check_value(value: Any, key: str) -> None:
 
 @dataclass
 class Conditions:
-    """Tables of all conditions of a body, or of those on the nodes of a part of it.
+    """Tables of all conditions of a body, or of those on the nodes of a part of it."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (H,)
-        Flat indices (of the lattice, or of its part) of the prescribed nodes, in the order in which they are set.
-    owner : ndarray of int, shape (H,)
-        Number of the condition of each prescribed node.
-    starts : ndarray of int, shape (H + 1,)
-    references : ndarray of int, shape (R,)
-        Node i follows from the nodes references[starts[i]:starts[i + 1]].
-    weights : ndarray, shape (R,)
-    source_terms : list of SourceTerm
-        Values added to the prescribed nodes, each over all H.
-    sources : list of (int, SourceTerm)
-        Number of a condition and its power per volume, of the lattice's shape.
-    leaks : list of (int, ndarray)
-        Number of a condition and the power lost per volume and temperature, of the lattice's shape.
-    notes : list of str
-        Notes on conditions that are allowed but may be unintended.
-    """
-
-    nodes: np.ndarray
-    owner: np.ndarray
-    starts: np.ndarray
-    references: np.ndarray
-    weights: np.ndarray
+    # of int, shape (H,); flat indices (of the lattice, or of its part) of the prescribed nodes, in the order in which
+    # they are set
+    nodes: np.ndarray = field(default_factory=partial(np.zeros, 0, int))
+    # of int, shape (H,); number of the condition of each prescribed node
+    owner: np.ndarray = field(default_factory=partial(np.zeros, 0, int))
+    starts: np.ndarray = field(default_factory=partial(np.zeros, 1, int))  # of int, shape (H + 1,)
+    # of int, shape (R,); node i follows from the nodes references[starts[i]:starts[i + 1]]
+    references: np.ndarray = field(default_factory=partial(np.zeros, 0, int))
+    weights: np.ndarray = field(default_factory=partial(np.zeros, 0))  # shape (R,)
+    # values added to the prescribed nodes, each over all H
     source_terms: list[SourceTerm] = field(default_factory=list)
+    # number of a condition and its power per volume, of the lattice's shape
     sources: list[tuple[int, SourceTerm]] = field(default_factory=list)
+    # number of a condition and the power lost per volume and temperature, of the lattice's shape
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # notes on conditions that are allowed but may be unintended
 
     @property
     def resting(self) -> np.ndarray:
@@ -398,8 +386,7 @@ def resolve(
     found: list[_Held] = []
     face: _Face | _RegionSurface
     heated: list[tuple[int, _Face | _RegionSurface]] = []  # sides and surfaces that take heat as a source
-    none = np.zeros(0, int)
-    out = Conditions(none, none, np.zeros(1, int), none, np.zeros(0))
+    out = Conditions()
     for number, constraint in enumerate(constraints):
         if isinstance(constraint, Prescribed):
             continue  # handled by farhorizon.inputs.prescribed

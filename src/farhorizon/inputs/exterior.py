@@ -61,6 +61,7 @@ class Exterior:
         self.lattice, self.depth, self.near, self._largest_of_all = lattice, depth, near, largest
         absorbing = {key: b for key, b in sides.items() if b.endless}
         self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
+        self.examines = bool(self.targets) or near is not None or largest is not float  # also with other processes
         self.notes: list[str] = []
 
     def but_for(self, sides: Iterable[tuple[int, int]]) -> Exterior:

@@ -205,28 +205,14 @@ def _at(time_history: Callable[[float], Any], t: float) -> float:
 
 @dataclass
 class _Course:
-    """One component of the nodes of a constraint.
-
-    Attributes
-    ----------
-    constraint : Prescribed
-    component : int
-    places : ndarray of int
-        Flat indices in the field, components first.
-    last : float
-        Number of the last step in which it is prescribed.
-    first : ndarray, shape (places,)
-        Values at the start.
-    way : list of float
-        For a velocity, the displacement since the start after each step, as far as it has been computed.
-    """
+    """One component of the nodes of a constraint."""
 
     constraint: Prescribed
     component: int
-    places: np.ndarray
-    last: float
-    first: np.ndarray
-    way: list[float]
+    places: np.ndarray  # of int; flat indices in the field, components first
+    last: float  # number of the last step in which it is prescribed
+    first: np.ndarray  # shape (places,); values at the start
+    way: list[float]  # for a velocity, the displacement since the start after each step, as far as it has been computed
 
     def value_over(self, background: float) -> Callable[[float], float]:
         """The prescribed value less the background as a function of t, zero after the release."""

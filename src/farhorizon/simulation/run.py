@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -175,7 +176,9 @@ class Run(ABC):
         """
         ends = {"until": until, "every": every, "tolerance": tolerance, "limit": limit, "output": output}
         self.team.alike({"run": ends})
-        rest = steady_state_criterion(self, until, tolerance, limit)
+        rest = None
+        if isinstance(until, str) or tolerance is not None or limit is not None:
+            rest = steady_state_criterion(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
         check_ahead(self, end, "run.until")
         count = None if every is None else steps_between(every, self.dt)
@@ -183,7 +186,7 @@ class Run(ABC):
         self.examine(end, allow_unstable)
         show = progress if self.team.number == 0 else False
         self.rest = rest
-        with written(self, output):
+        with nullcontext() if output is None else written(self, output):
             if rest is None:
                 run_to_step(self, last, count, show)
             elif rest.over(self) or run_to_step(self, last, count, show, lambda: rest.reached(self), rest.pace):

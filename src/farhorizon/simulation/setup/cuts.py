@@ -23,35 +23,19 @@ Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class CutBonds:
-    """Absent bonds of a near field on its grid.
-
-    Attributes
-    ----------
-    near : NearField
-    layered : LayeredSides
-    grid : Grid
-    closure : OutlineCondition or None
-    free_rim : bool
-        Whether bonds to nodes outside a body are absent.
-    notes : list of str
-        Receives notes for the user.
-    """
+    """Absent bonds of a near field on its grid."""
 
     near: NearField
     layered: LayeredSides
     grid: Grid
     closure: OutlineCondition | None
-    free_rim: bool
-    notes: list[str]
+    free_rim: bool  # whether bonds to nodes outside a body are absent
+    notes: list[str]  # receives notes for the user
     _known: dict[int, tuple[Crack, list[Bonds]]] = field(default_factory=dict, init=False)
 
     def cut(self, cracks: Sequence[Crack], others: Bonds | None = None) -> None:
-        """Remove the bonds across some cracks, those that are absent in any case, and perhaps others.
-
-        Raises
-        ------
-        InputError
-            A crack crosses a side that cannot continue it, or cuts bonds that a condition along the outline reads.
+        """Remove the bonds across some cracks, those that are absent in any case, and perhaps others; raises InputError
+        for a crack that crosses a side that cannot continue it, or cuts bonds that a condition along the outline reads.
         """
         engine = self.grid.engine
         found = [bonds for crack in cracks for bonds in self._lost(crack)]
@@ -97,7 +81,7 @@ class CutBonds:
         return found
 
     def existing(self, body: bool) -> np.ndarray:
-        """Return True at each place of a level where the medium has a node, and False beyond free sides and, if `body`,
+        """Return, for each place of a level, whether the medium has a node: not beyond free sides and, if `body`, not
         outside the body.
         """
         lattice, engine = self.near.lattice, self.grid.engine
@@ -121,10 +105,8 @@ class CutBonds:
         return rows
 
     def _crossed(self, cut: Cut) -> list[Key]:
-        """Return the sides with a layer that a crack enters; InputError if it crosses a side that cannot continue it,
-        such as a sponge.
-
-        Beyond other sides it is cut as given.
+        """Return the sides with a layer that a crack enters; raises InputError if it crosses a side that cannot
+        continue it, such as a sponge. Beyond other sides it is cut as given.
         """
         lattice, crossed = self.near.lattice, []
         for (axis, side), boundary in self.layered.sides.items():
@@ -167,8 +149,8 @@ class CutBonds:
     def _check_straight(
         self, cut: Cut, nodes: np.ndarray, rows: np.ndarray, continued: set[tuple[int, ...]], key: Key
     ) -> None:
-        """Check that a crack cuts the last columns of the core alike. In the layer it may end, but must not cut any
-        bond that its straight continuation does not cut.
+        """Check that a crack cuts the last columns of the core alike, and that in the layer, where it may end, it cuts
+        only bonds that its straight continuation cuts, too.
         """
         axis, side = key
         count = self.grid.engine.core.nodes[self.grid.lead + axis]

@@ -30,22 +30,12 @@ _FAINT = 1e-11  # share of the data that may touch a layer without a target, who
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """An engine and the place of the near field in it.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    margins : dict of (axis, side) to int
-        Number of nodes of the core beyond the near field.
-    engine : Engine
-    walled : frozenset of (axis, side)
-        Fixed sides beyond which there are such nodes.
-    """
+    """An engine and the place of the near field in it."""
 
     lattice: Lattice
-    margins: dict[Key, int]
+    margins: dict[Key, int]  # number of nodes of the core beyond the near field
     engine: Engine
-    walled: frozenset[Key]
+    walled: frozenset[Key]  # fixed sides beyond which there are such nodes
 
     @property
     def walls(self) -> np.ndarray:
@@ -145,20 +135,9 @@ def choose_margins(
     nodes of the medium beyond a fixed side that have states.
 
     The entrance of a layer must be free of sources, data, cracks and changes of the material. One node keeps sources
-    out; for the others one reach more is needed. An exact end must be free of cracks and changes of the material.
-
-    Parameters
-    ----------
-    near : NearField
-    layered : LayeredSides
-    data : sequence of ndarray
-        Initial data.
-    medium : sequence of ndarray
-        All that must not change along the normal: varying constants, a body, the phases of a corrosion.
-    cuts : sequence of Cut
-    states : ForceStates or None
-    team : ProcessGroup
-        Processes that have parts of the near field: those at the same side have equally many nodes there.
+    out; for initial data and for `medium`, all that must not change along the normal, one reach more is needed. An
+    exact end must be free of cracks and changes of the material. Processes at the same side have equally many nodes
+    there.
     """
     lattice, margins = near.lattice, {}
     peaks = [team.largest(float(np.abs(f).max())) for f in map(near.size, data)]
@@ -195,13 +174,8 @@ def make_grid(
     neighbours: Mapping[Key, int] | None = None,
     warm: bool = False,
 ) -> Grid:
-    """Make the engine of a near field and its sides; `neighbours` are the processes that fill the halo, if any, and
-    `link` is the connection to them. If `warm`, the layers have thermal strains, too.
-
-    Raises
-    ------
-    InputError
-        A fixed side beside a layer.
+    """Make the engine of a near field and its sides; `link` and `neighbours` connect it to the processes that fill its
+    halo. If `warm`, layers have thermal strains, too. Raises InputError for a fixed side beside a layer.
     """
     lattice, model, stencil, sides = near.lattice, near.model, near.stencil, layered.sides
     lead = 3 - lattice.dim

@@ -28,14 +28,9 @@ def law_of(one: OfField, names: tuple[str, ...], key: str) -> Callable[..., np.n
     return lambda *at: np.asarray(given(*at), float)
 
 
-def of_field(setup: Any) -> bool:
-    """Whether a source or a constant of the model depends on the field."""
-    return bool(setup.model.follows) or any(isinstance(one, OfField) for one in setup.sources)
-
-
 def range_of(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [value]) -> np.ndarray:
     """Return values of the field from its smallest at the start to its largest, with the background and numbers that
-    conditions and sides prescribe; `gather` returns those of all processes, each of which has a part of the field.
+    conditions and sides prescribe; `gather` returns those of all processes.
     """
     initial = (setup.initial or {}).get("u")
     ends = [setup.background, *(side.held for side in setup.sides.values() if side.held is not None)]
@@ -53,12 +48,8 @@ def range_of(setup: Any, gather: Callable[[Any], list[Any]] = lambda value: [val
 
 
 def conductivity_ratio(setup: Any) -> float:
-    """Return the largest conductivity at values of the field at the start, over that at the background.
-
-    Raises
-    ------
-    InputError
-        One that is not positive, or not finite.
+    """Return the largest conductivity at values of the field at the start, over that at the background; raises
+    InputError for one that is not positive, or not finite.
     """
     largest, values = 1.0, range_of(setup)
     for name, one in setup.model.follows.items():

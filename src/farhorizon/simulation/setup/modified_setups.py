@@ -17,9 +17,9 @@ _LEAST = 5  # planes that remain of a stretch of equal ones, or as many as a nod
 
 
 def remade_setup(setup: Setup, resolved: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
-    """Return a set-up at its start with some arguments changed. On another lattice there are no data and sources, and
-    the medium is uniform, as stiff as its stiffest part. The chosen time step and layers are kept, unless the model
-    changes on the same lattice.
+    """Return a set-up at its start with some arguments changed, with the chosen time step and layers unless the model
+    changes on the same lattice. On another lattice there are no data and sources, and the medium is uniform, as stiff
+    as its stiffest part.
     """
     check_names(changes)
     near, start = parts.near, parts.start

@@ -34,7 +34,7 @@ _FOLLOWED = 0.02
 
 
 class Extremes(NamedTuple):
-    """Quantities that depend on all nodes of a near field: see `NearField`."""
+    """Quantities that depend on all nodes of a near field."""
 
     rate_limit: float
     contrast: Contrast
@@ -42,46 +42,21 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NearField:
-    """The near field, without what lies beyond its sides; on several processes, the part of one of them.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    model : LatticeModel
-    background : float
-    stencil : Stencil
-        Stencil of the medium where its coefficient is that of the model.
-    closed : ndarray of bool, or None
-        Nodes of a window that a condition along its outline closes.
-    variation : Variation
-        Variation of the medium relative to the model.
-    coefficient : ndarray or None
-        Given factor on bonds, in addition to the variation of the model's own constants.
-    conditions : Conditions
-    rate_limit : float
-        Largest rate of the operator (1/time, for waves 1/time^2).
-    dt : float
-    prescribed : PrescribedNodes
-        Nodes that follow a prescribed value, permanently or for a limited time.
-    contrast : Contrast
-        Pace of the whole near field, also on a part of it.
-    coupling : Coupling or None
-        Coupling with a temperature that the deformation changes.
-    """
+    """The near field, without what lies beyond its sides; on several processes, the part of one of them."""
 
     lattice: Lattice
     model: LatticeModel
     background: float
-    stencil: Stencil
-    closed: np.ndarray | None
-    variation: Variation
-    coefficient: np.ndarray | None
+    stencil: Stencil  # that of the medium where its coefficient is that of the model
+    closed: np.ndarray | None  # of bool; nodes of a window that a condition along its outline closes
+    variation: Variation  # of the medium relative to the model
+    coefficient: np.ndarray | None  # given factor on bonds, in addition to the variation of the model's own constants
     conditions: Conditions
-    rate_limit: float
+    rate_limit: float  # largest rate of the operator (1/time, for waves 1/time^2)
     dt: float
-    prescribed: PrescribedNodes
-    contrast: Contrast
-    coupling: Coupling | None = None
+    prescribed: PrescribedNodes  # nodes that follow a prescribed value, permanently or for a limited time
+    contrast: Contrast  # that of the whole near field, also on a part of it
+    coupling: Coupling | None = None  # with a temperature that the deformation changes
 
     @cached_property
     def continued(self) -> Stencil:
@@ -202,13 +177,14 @@ class NearField:
     def hidden(self) -> np.ndarray | None:
         """Nodes of the lattice whose values do not belong to the body or window; None if there are none."""
         hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
-        hidden.ravel()[self.conditions.images] = True
+        if self.conditions.nodes.size:
+            hidden.ravel()[self.conditions.images] = True
         return hidden if hidden.any() else None
 
     @property
     def crossing(self) -> float:
-        """Unit of time of the set-up: the time in which the fastest wave crosses the near field, or in which it empties
-        by diffusion, ``R^2/D``.
+        """Unit of time of the set-up: that in which the fastest wave crosses the near field, or in which it empties by
+        diffusion, ``R^2/D``.
         """
         return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
 
@@ -278,39 +254,20 @@ def near_field(
     team: ProcessGroup = ALONE,
     whole: Extremes | None = None,
 ) -> NearField:
-    """Return the near field of a set-up.
-
-    Parameters
-    ----------
-    setup : Setup
-    sides : dict of (axis, side) to Side
-        Some of them limit the default time step.
-    stencil : Stencil
-    variation : Variation
-    coefficient : ndarray or None
-        Given factor on bonds, as in `NearField`.
-    stiffer : float
-        Largest squared frequency over that of the medium with all its bonds.
-    team : ProcessGroup
-        The processes, each of which has a part of the near field.
-    whole : Extremes, optional
-        Quantities that depend on all parts.
-
-    Raises
-    ------
-    InputError
-        Conditions that cannot hold, a time step above the stable limit.
+    """Return the near field of a set-up. `stiffer` is the largest squared frequency over that of the medium with all
+    its bonds; `whole` has what depends on all parts, if this is one of several. Raises InputError for conditions that
+    cannot hold, and a time step above the stable limit.
     """
-    lattice, model, factor = setup.lattice, setup.model, variation.stiffness
-    conditions = _resolve(setup, stencil, factor, team)
+    lattice, model = setup.lattice, setup.model
+    conditions = _resolve(setup, stencil, variation.stiffness, team) if setup.constraints else Conditions()
     if whole is None:
-        contrast = contrast_in(
-            setup, decompose(lattice.shape, 1, stencil.reach, {}, wrapping(sides)), stencil, variation
-        )
-        leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
+        contrast = _contrast(setup, sides, stencil, variation)
+        leak = 0.0
+        if conditions.leaks:
+            leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
         whole = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
     rate = whole.rate_limit
-    coupling = _coupling(setup, stencil, variation)
+    coupling = None if setup.heat is None else _coupling(setup, stencil, variation)
     if coupling is None:
         chosen = model.integrator.outruns and (setup.dt is None or callable(setup.dt))
         most = _step_that_follows(setup, sides, stencil, rate) if chosen else np.inf
@@ -323,7 +280,7 @@ def near_field(
         model,
         setup.background,
         stencil,
-        closed_window(setup, sides),
+        None if lattice.window is None else closed_window(setup, sides),
         variation,
         coefficient,
         conditions,
@@ -335,21 +292,20 @@ def near_field(
     )
 
 
+def _contrast(setup: Setup, sides: Sides, stencil: Stencil, variation: Variation) -> Contrast:
+    """Return the contrast of a medium on one process."""
+    if variation.stiffness is None and variation.density is None and setup.model.bond_law is None:
+        strongest = setup.model.strongest
+        return Contrast(strongest, 1.0, strongest, dict.fromkeys(sides, 1.0), 0.0)
+    boxes = decompose(setup.lattice.shape, 1, stencil.reach, {}, wrapping(sides))
+    return contrast_in(setup, boxes, stencil, variation)
+
+
 def extremes_of(
     setup: Setup, reference_medium: ReferenceMedium, stencil: Stencil, team: ProcessGroup, stiffer: float
 ) -> Extremes:
-    """Return the quantities that depend on all of a near field, of which each process evaluates a box.
-
-    Parameters
-    ----------
-    setup : Setup
-    reference_medium : ReferenceMedium
-        Uniform medium relative to which that of the set-up varies.
-    stencil : Stencil
-        Stencil of the uniform medium.
-    team : ProcessGroup
-    stiffer : float
-        As in `near_field`.
+    """Return the quantities that depend on all of a near field, of which each process evaluates a box; `stencil` is
+    that of the uniform medium, and `stiffer` is as in `near_field`.
     """
     boxes = decompose(setup.lattice.shape, team.size, stencil.reach, {}, wrapping(setup.sides))
     part = reference_medium.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
@@ -374,7 +330,8 @@ def _rate_limit(
     unit = setup.model.coefficient / setup.lattice.spacing**2
     rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, contrast) * stiffer
     rate += unit * contrast.closing
-    rate += setup.model.source_factor * source_slope(setup, team.gather)
+    if setup.depends_on_field:
+        rate += setup.model.source_factor * source_slope(setup, team.gather)
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 

@@ -17,46 +17,24 @@ from farhorizon.simulation.time.outer_loop import warn_once
 
 @dataclass(frozen=True, eq=False)
 class IntactMargin:
-    """The bonds of the nodes in the margin.
+    """The bonds of the nodes in the margin."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (n,)
-        Places of the nodes in a level.
-    corners : ndarray of int, shape (n, dim)
-        Their indices in the lattice.
-    bits : ndarray of uint64, shape (words, n)
-        One bit per bond: set if it is present and ends in the near field.
-    distances : ndarray of int, shape (K,)
-        Offsets to the neighbours in a level.
-    bonds : ndarray, shape (K, dim)
-        Bond vectors.
-    limit : float
-        Largest ``|xi + eta|^2 / |xi|^2 - 1`` at which the weakest bonds would not break (linearised:
-        ``2 xi . eta / |xi|^2``).
-    nonlinear : bool
-    strength : ndarray
-        Limit at each place of a level relative to `limit`, or a single number.
-    every : int
-        Steps between two checks: a wave takes longer to cross the margin.
-    boxed : bool
-        Whether the margin includes what lies outside the boxes of incident waves.
-    """
-
-    nodes: np.ndarray
-    corners: np.ndarray
-    bits: np.ndarray
-    distances: np.ndarray
-    bonds: np.ndarray
+    nodes: np.ndarray  # of int, shape (n,); places of the nodes in a level
+    corners: np.ndarray  # of int, shape (n, dim); their indices in the lattice
+    bits: np.ndarray  # of uint64, shape (words, n); one bit per bond: set if it is present and ends in the near field
+    distances: np.ndarray  # of int, shape (K,); offsets to the neighbours in a level
+    bonds: np.ndarray  # shape (K, dim); bond vectors
+    # largest ``|xi + eta|^2 / |xi|^2 - 1`` at which the weakest bonds would not break (linearised: ``2 xi . eta /
+    # |xi|^2``)
     limit: float
     nonlinear: bool
-    strength: np.ndarray
-    every: int
-    boxed: bool
+    strength: np.ndarray  # limit at each place of a level relative to `limit`, or a single number
+    every: int  # steps between two checks: a wave takes longer to cross the margin
+    boxed: bool  # whether the margin includes what lies outside the boxes of incident waves
 
     def overstretched(self, level: np.ndarray) -> np.ndarray | None:
-        """Return the index in the lattice of the node whose bond exceeds its limit most, None if none does; `level` is
-        laid out as in the engine.
+        """Return the index in the lattice of the node whose bond exceeds its limit most in a level of the engine; None
+        if none does.
         """
         given = self.nodes, self.bits, self.distances, self.bonds, self.nonlinear, self.strength
         node, strain = steepest(level, *given)
@@ -91,21 +69,10 @@ def intact_margin(
 ) -> IntactMargin | None:
     """Return the margin of a near field, or None if there is none.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Shape of the lattice.
-    breakable : tuple of slice
-        The nodes between which bonds can break.
-    places : ndarray of int, of that shape
-        Places of the nodes in a level.
-    offsets : ndarray of int, shape (K, dim)
-    present : ndarray of uint64, shape (words, *shape)
-        One bit per bond, set if it is present.
-    within : sequence of ndarray of bool, of that shape
-        Nodes in the boxes of incident waves: bonds through the faces of a box have no meaningful stretch.
-
-    The others are as for `IntactMargin`.
+    Bonds can break between the nodes `breakable` of a lattice of this shape. `places` are those of the nodes in a
+    level; `offsets`, shape (K, dim), those of the bonds; `present`, shape (words, *shape), has one bit per bond;
+    `within` are masks of the boxes of incident waves: bonds through the faces of a box have no meaningful stretch. The
+    others are as in `IntactMargin`.
     """
     outside = np.ones(shape, bool)
     outside[breakable] = False
@@ -136,8 +103,8 @@ def intact_margin(
 
 
 def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
-    """Check every `every` steps, if that is positive, whether bonds in the margin of a run are stretched beyond their
-    limit, and warn if so; on several processes any of them may have such bonds.
+    """Warn if bonds in the margin of a run are stretched beyond their limit, every `every` steps, if that is positive;
+    on several processes any of them may have such bonds.
     """
     if not every or run.step_count < run.next_look:
         return

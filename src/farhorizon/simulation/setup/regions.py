@@ -15,12 +15,8 @@ _MOST = 256  # values of a constant; with more of them it counts as varying cont
 
 
 def uneven(run: Any) -> dict[str, np.ndarray]:
-    """Return what varies from node to node, by name: "metal" (boolean), "coefficient" and constants of the model; on
-    several processes, at the nodes of this one.
-
-    Parameters
-    ----------
-    run : Simulation
+    """Return what varies from node to node of this process, by name: "metal" (boolean), "coefficient" and constants of
+    the model.
     """
     near, solid = run.parts.near, run.parts.start.solid
     constants = constants_of(replace(run.setup, lattice=run.lattice))
@@ -29,16 +25,11 @@ def uneven(run: Any) -> dict[str, np.ndarray]:
 
 
 def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
-    """Return the regions of a run; None where one medium fills the box, and on all processes but the first.
+    """Return the regions of a run, after `named` materials; None where one medium fills the box, and on all processes
+    but the first.
 
     Regions are numbered by size: region 0 has the most nodes. A constant with more than 256 values, such as a random
     one or one that grows with depth, defines no regions.
-
-    Parameters
-    ----------
-    run : Simulation
-    named : Regions, optional
-        Named materials, whose names come before the constants.
     """
     shape, hidden, team = run.lattice.shape, run.parts.near.hidden, run.team
     there = np.ones(shape, bool) if hidden is None else ~hidden

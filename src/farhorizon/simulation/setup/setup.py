@@ -186,8 +186,9 @@ constraints, balance, specimens, loads
             words = "a BodyForce, Traction, Pressure or ThermalLoad"
             known = kinds.instance(load, f"load[{i}]", Load, words, remedy).resolved(lattice)
             loads.append(kinds.instance(known, f"load[{i}]", (BodyForce, Traction, Pressure, ThermalLoad), words))
-        kinds.set_fields(self, loads=tuple(loads))
-        self._resolve_heat()
+        if loads:
+            kinds.set_fields(self, loads=tuple(loads))
+            self._resolve_heat()
         kinds.set_fields(
             self,
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},
@@ -261,6 +262,11 @@ constraints, balance, specimens, loads
         """
         kept = self.model.bond_law is not None or self.model.drag > 0
         return kept or (self.model.mechanical and self.balance)
+
+    @property
+    def depends_on_field(self) -> bool:
+        """Whether a source or a constant of the model depends on the field."""
+        return bool(self.model.follows) or any(isinstance(source, OfField) for source in self.sources)
 
     @property
     def arguments(self) -> dict[str, Any]:

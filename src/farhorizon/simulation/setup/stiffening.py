@@ -25,16 +25,8 @@ _MORE, _MOST = 0.5, 0.02
 
 
 def stiffening(near: NearField, grid: Grid, team: ProcessGroup, counted: float = 1.0) -> float:
-    """Return the largest squared frequency over that of the medium with all its bonds; above 1 where states lack bonds
-    or moduli vary.
-
-    Parameters
-    ----------
-    near : NearField
-    grid : Grid
-    team : ProcessGroup
-    counted : float
-        Stiffening that the near field's rate already includes.
+    """Return the largest squared frequency over that of the medium with all its bonds, above 1 where states lack bonds
+    or moduli vary; the near field's rate already includes a factor `counted`.
     """
     unlike = team.any(bool(grid.engine.absent.count) or near.variation.moduli is not None)
     if not unlike or not grid.engine.passes:
@@ -62,16 +54,10 @@ def _may_stiffen(setup: Setup) -> bool:
 
 
 def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
-    """Return the largest squared frequency of all nodes without the effect of layers, over all processes.
+    """Return the largest squared frequency of all nodes without the effect of layers, over all processes; it need not
+    be accurate below the rate `known`.
 
     The operator is symmetric, so Lanczos' method finds it, from below; nodes that never move are at zero.
-
-    Parameters
-    ----------
-    grid : Grid
-    team : ProcessGroup
-    known : float
-        A rate below which the result need not be accurate.
     """
     engine, layout = grid.engine, grid.engine.layout
     places = layout.box.node_indices()
@@ -111,8 +97,8 @@ def _noise(grid: Grid, team: ProcessGroup, places: np.ndarray) -> tuple[np.ndarr
     """Return the start vector of Lanczos' method, half of whose energy lies at nodes unlike the medium, and a number of
     applications: if no rate above the medium's has been found by then, the largest exceeds it by at most `_UNSEEN`.
 
-    Modes faster than those of the medium are localised at these nodes: in noise spread over all nodes their share would
-    decrease with the size of the box. For n unknowns, m applications miss at most (ln n / 4 m)^2 of the rate.
+    Modes faster than those of the medium are localised at these nodes: in noise spread over all nodes their fraction
+    would decrease with the size of the box. For n unknowns, m applications miss at most (ln n / 4 m)^2 of the rate.
     """
     engine = grid.engine
     box, components = engine.layout.box, engine.components

@@ -22,8 +22,8 @@ _MOST = 2**22  # nodes for which thicknesses are looked for, in less than a seco
 
 
 def thickness_of(lattice: Lattice, sides: Sides) -> dict[int, int]:
-    """Return the thickness, in nodes between free surfaces, of the thinnest part of a body that has at least a tenth of
-    its nodes, by axis; without axes along which no part is thin.
+    """Return, by axis, the thickness, in nodes between free surfaces, of the thinnest part of a body that has at least
+    a tenth of its nodes; without axes along which no part is thin.
     """
     mask = lattice.existing
     there = np.ones(lattice.shape, bool) if mask is None else mask
@@ -40,7 +40,7 @@ def thickness_of(lattice: Lattice, sides: Sides) -> dict[int, int]:
 
 def _spans(there: np.ndarray, axis: int, sides: Sides) -> np.ndarray:
     """Return for each node the number of consecutive nodes along an axis to which it belongs, infinite where they reach
-    a side that is not free; shape of `there`.
+    a side that is not free.
     """
     along = np.moveaxis(there, axis, -1)
     n = along.shape[-1]
@@ -58,23 +58,11 @@ def _spans(there: np.ndarray, axis: int, sides: Sides) -> np.ndarray:
 def apparent_modulus(
     kernel: Kernel, spacing: float, dim: int, material: str, plane: str | None, poisson: float, nodes: int
 ) -> float:
-    """Return Young's modulus of a plate between free surfaces over that of the material: the stress under a uniform
-    strain, with no forces on its faces and across its width, over the strain.
+    """Return Young's modulus of a plate, `nodes` thick between free surfaces, over that of the material: the stress
+    under a uniform strain, with no forces on its faces and across its width, over the strain.
 
     The plate is a piece that is so wide that the bonds from its middle do not reach its ends. The forces on its right
     half, added, are those that bonds carry through the middle.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    dim : int
-        2 or 3.
-    material : str
-    plane : str, optional
-    poisson : float
-    nodes : int
-        Thickness.
     """
     model = Elastic(kernel, 1.0, None if material == "bond-based" else poisson, material=material, plane=plane)
     reach = max(model.medium(spacing, dim).reach)

@@ -20,12 +20,7 @@ from farhorizon.simulation.setup.setup import Setup, Sides, side_name
 
 
 def check_model(setup: Setup, sides: Sides) -> None:
-    """Refuse sides, bonds, phases and loads that the model does not support.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse sides, bonds, phases and loads that the model does not support."""
     model, cracks, coefficient = setup.model, setup.cracks, setup.coefficient
     for key, boundary in sides.items():
         if not model.serves(type(boundary)):
@@ -88,10 +83,6 @@ def _check_bonds(setup: Setup) -> None:
 def check_variation(sides: Sides, variation: Variation, stencil: Stencil) -> None:
     """Refuse sides that continue the medium with a single density if the density varies, and a medium that drifts if
     anything varies.
-
-    Raises
-    ------
-    InputError
     """
     if stencil.drifting and (variation.squared_speed is not None or variation.density is not None):
         raise InputError(
@@ -118,10 +109,6 @@ def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse a material, or a body, that varies along the normal within one reach of a side whose nodes stretch
     derivatives: the nodes of the near field just before it take part in the absorption. Before other layers the medium
     is continued for one reach as it is at the edge.
-
-    Raises
-    ------
-    InputError
     """
     stretched = [key for key, boundary in sides.items() if boundary.derivatives]
     if not stretched:
@@ -147,10 +134,6 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse what fields of several components and media with a reaction do not support, integrators that conditions
     along an outline do not support, and a near field that is thinner than the stencil. Along periodic axes it may be
     thinner: there the stencil may wrap around several times.
-
-    Raises
-    ------
-    InputError
     """
     if stencil.components > 1:
         _check_vector(setup, sides)
@@ -210,10 +193,6 @@ def _check_faces(setup: Setup, sides: Sides, order: int) -> None:
 def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse a crack across a periodic side that does not re-enter through the opposite one: a bond across that side
     must be cut at both of its ends.
-
-    Raises
-    ------
-    InputError
     """
     lattice, around = setup.lattice, sorted({axis for (axis, _), side in sides.items() if side.cracks == "repeat"})
     shape = np.array(lattice.shape)

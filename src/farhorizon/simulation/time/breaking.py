@@ -37,26 +37,9 @@ AT_REST = (
 class Breaking:
     """Bonds of a near field on its grid that follow a law; the engine receives them whole and uncut.
 
-    Parameters
-    ----------
-    law : BondLaw
-    near : NearField
-    sides : dict of (axis, side) to Side
-    grid : Grid
-    cuts : CutBonds
-    regions : sequence of Region
-        Boxes of incident waves. The field is the total one inside them and the scattered one outside, so that bonds
-        through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
-        neither can break.
-    team : ProcessGroup
-        Processes that each have a part of the near field.
-
-    Attributes
-    ----------
-    critical_stretch : float
-        That of the weakest bonds in the whole lattice.
-    families : ndarray of int
-        Number of bonds of each node, whole and uncut; shape of the lattice.
+    `regions` are the boxes of incident waves. The field is the total one inside them and the scattered one outside, so
+    that bonds through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
+    neither can break.
     """
 
     def __init__(
@@ -71,9 +54,9 @@ class Breaking:
     ) -> None:
         self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
         self.regions = regions
-        self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))
+        self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))  # of the weakest bonds of all
         self.begin()
-        self.families = self.left()
+        self.families = self.left()  # number of bonds of each node, uncut; of the lattice's shape
         if law.fracture_energy is not None and law.energy_factor is not None:
             cuts.notes.append(
                 f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
@@ -126,13 +109,8 @@ class Breaking:
 
     @cached_property
     def final_stretches(self) -> np.ndarray:
-        """For bonds that soften, the stretch at which nothing is left of them; at the nodes of this lattice, or a
-        single number.
-
-        Raises
-        ------
-        InputError
-            When they begin to soften, bonds hold more than the fracture energy.
+        """For bonds that soften, the stretch at which nothing is left of them, at the nodes of this lattice or as a
+        single number; raises InputError if they hold more than the fracture energy when they begin to soften.
         """
         law, near, onset = self.law, self.near, self.critical_stretches
         toughness = 1.0 if near.variation.toughness is None else near.variation.toughness
@@ -262,9 +240,7 @@ class Breaking:
         )
 
     def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
-        """Return the sides within one reach of which there are cracks whose faces would come into contact, but do
-        not.
-        """
+        """Return the sides within one reach of which there are cracks whose faces would come into contact, but do not."""
         near, found = self.near, set()
         for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
             if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
@@ -276,17 +252,8 @@ class Breaking:
         return sorted(found)
 
     def check_start(self, force: np.ndarray) -> None:
-        """Refuse initial data that would break bonds at once, and a load whose first strain would shatter whatever it
-        meets; note one whose first strain would break bonds.
-
-        Parameters
-        ----------
-        force : ndarray
-            Force of the sources at the start, of the shape of the field.
-
-        Raises
-        ------
-        InputError
+        """Refuse initial data that would break bonds at once, and a load (`force`, of the field's shape) whose first
+        strain would shatter whatever it meets; note one whose first strain would break bonds.
         """
         limit, near = self.critical_stretch, self.near
         if not np.isfinite(limit):

@@ -42,9 +42,8 @@ def energies(
     cold: bool = False,
     rim_held: bool = False,
 ) -> dict[str, float]:
-    """Return the energies by name, see `farhorizon.Simulation.energies`; `work` says whether the work of the sources is
-    recorded. If `cold`, the strain energy is that of the total strains, thermal strains not subtracted. `rim_held` says
-    whether the field outside a body is fixed.
+    """Return the energies by name, see `farhorizon.Simulation.energies`. `work`: that of the sources is recorded;
+    `cold`: thermal strains are not subtracted; `rim_held`: the field outside a body is fixed.
     """
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:

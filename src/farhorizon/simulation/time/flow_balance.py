@@ -28,35 +28,9 @@ class FlowBalance:
     """Accounts of the flow into the free nodes, those whose values nothing prescribes: one for each condition, one for
     each side that the field flows through, one for the fixed edge of a body, and one for what a reaction consumes.
 
-    Parameters
-    ----------
-    setup : Setup
-    near : NearField
-    sides : dict of (axis, side) to Side
-    grid : Grid
-    phases : SolidAndLiquid or None
-    ends : ExactEnds or None
-    source_table : SourceTable
-    sources : int
-        Number of drives that are sources; conditions follow them.
-    more : sequence of (str, SourceTerm)
-        What depends on the field, which follows the sources and conditions, by name.
-    team : ProcessGroup
-        The processes that compute the run; each counts the flow into the nodes of its box.
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the accounts, the same on all processes.
-    powers : ndarray
-        Amount that each drive has supplied on this process.
-    first : dict of str to float
-        Amounts at the start, summed over all processes.
-
-    Raises
-    ------
-    InputError
-        The equation is not of first order in time.
+    The first `sources` terms of the source table are sources, which conditions follow, and then `more`: what depends on
+    the field, by name. Each process counts the flow into the nodes of its box. Raises InputError unless the equation is
+    of first order in time.
     """
 
     def __init__(
@@ -101,8 +75,8 @@ class FlowBalance:
         self._prescribing = [i for i, one in enumerate(setup.constraints) if isinstance(one, Prescribed)]
         self._holding = near.prescribed.holding(0)
         self._open()
-        self.powers = np.zeros(len(source_table.source_terms))
-        self.first = team.total(self._amounts())
+        self.powers = np.zeros(len(source_table.source_terms))  # amount that each has supplied on this process
+        self.first = team.total(self._amounts())  # at the start, over all processes
 
     def reopen(self) -> None:
         """Set the accounts up again for the present bonds, after a crack has opened; the sums so far are kept."""
@@ -244,9 +218,7 @@ class FlowBalance:
         self.first = dict(first)
 
     def balance(self) -> dict[str, float]:
-        """Return what the near field has gained since the start, and from where; see
-        `farhorizon.Simulation.balance`.
-        """
+        """Return what the near field has gained since the start, and from where; see `farhorizon.Simulation.balance`."""
         lattice = self.near.lattice
         unit = lattice.spacing**lattice.dim / self.near.model.source_factor
         flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)

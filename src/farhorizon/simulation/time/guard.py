@@ -21,26 +21,8 @@ def refuse_explosion(
     time: float,
     cause: Callable[[], str],
 ) -> None:
-    """Refuse a state that is not finite, or has grown far beyond what data and drives explain.
-
-    Parameters
-    ----------
-    values : ndarray, shape (..., n..)
-        The field u; its last axes are those of the lattice.
-    first : ndarray, shape (dim,)
-        Coordinates of its first node.
-    spacing : float
-    scale : float
-        Largest value that the data and drives of the run explain.
-    step : int
-    time : float
-    cause : callable
-        Returns the likely cause, in words.
-
-    Raises
-    ------
-    UnstableError
-        The message names the step, the time, and the worst value with its place.
+    """Raise an UnstableError that names step, time, place and likely cause for a field, shape (..., n..), that is not
+    finite, or has grown far beyond `scale`, the largest value that data and source terms explain.
     """
     top, low = float(values.max()), float(values.min())
     if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:

@@ -18,7 +18,7 @@ from farhorizon.inputs.conditions import Flux
 from farhorizon.medium.of_field import OfField
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.grid import Grid
-from farhorizon.simulation.setup.laws import SAMPLES, law_of, of_field, range_of
+from farhorizon.simulation.setup.laws import SAMPLES, law_of, range_of
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup, Sides, keys, side_name
 
@@ -29,16 +29,10 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 def field_source_terms(
     setup: Setup, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup = ALONE
 ) -> list[tuple[str, Any]]:
-    """Return what drives a run that depends on its field: names, and drives that are to be evaluated at each step.
-
-    Raises
-    ------
-    InputError
-        A field or an integrator that does not support it; values that are not finite; a conductivity that is not
-        positive; quantities that are not constant beside sides that absorb.
+    """Return what drives a run that depends on its field, by name, to be evaluated at each step; raises InputError for
+    a field or an integrator that does not support it, values that are not finite, a conductivity that is not positive,
+    and quantities that are not constant beside sides that absorb.
     """
-    if not of_field(setup):
-        return []
     _check(setup, near)
     source_terms: list[tuple[str, Any]] = []
     values = range_of(setup, team.gather)
@@ -81,16 +75,7 @@ def _check(setup: Setup, near: NearField) -> None:
 
 
 class _OfField:
-    """A drive that depends on the field.
-
-    Parameters
-    ----------
-    one : OfField
-    key : str
-    near : NearField
-    sides : dict of (axis, side) to Side
-    grid : Grid
-    """
+    """A source term that depends on the field."""
 
     def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid) -> None:
         self._key, self._near, self._grid = key, near, grid
@@ -128,15 +113,7 @@ def _strip(near: NearField, axis: int, side: int) -> tuple[Any, ...]:
 
 class _Source(_OfField):
     """A source that depends on the field; called with a time, it returns its present values. On several processes each
-    has those of its nodes, and all fail if one does.
-
-    Parameters
-    ----------
-    one, key, near, sides, grid
-        As for `_OfField`.
-    values : ndarray
-        Values that the field has at the start.
-    team : ProcessGroup
+    has those of its nodes, and all fail if one does. `values` are those that the field has at the start.
     """
 
     def __init__(
@@ -188,14 +165,9 @@ class _Source(_OfField):
 class Conduction(_OfField):
     """What flows because the conductivity differs from that at the background; called with a time, it returns the
     present power per volume.
-
-    Attributes
-    ----------
-    level : ndarray
-        The level to which the operator was last applied.
     """
 
-    level: np.ndarray
+    level: np.ndarray  # to which the operator was last applied
 
     def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup) -> None:
         super().__init__(one, key, near, sides, grid)

@@ -94,12 +94,8 @@ def run_to_step(
     check_every: int | None = None,
 ) -> bool:
     """Advance to a step; observers are called every `count` steps and at the end. Returns whether `ended`, which is
-    called every `check_every` steps, has ended the run earlier.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        `stop_requested` was set, on any process; the run is between two steps.
+    called every `check_every` steps, has ended the run earlier. Raises KeyboardInterrupt between two steps once
+    `stop_requested` is set, on any process.
     """
     with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:

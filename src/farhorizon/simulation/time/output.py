@@ -213,19 +213,10 @@ class RunResults:
 
 
 @contextmanager
-def written(run: Any, output: Any) -> Iterator[RunResults | None]:
-    """Write outputs within the context: at the start, whenever the run calls its observers, and at the end, even after
-    an error, what was recorded. A file that this run itself has begun is continued.
-
-    Parameters
-    ----------
-    run : Run
-    output : str or Path, or None
-        The file; nothing is written if it is None.
+def written(run: Any, output: str | Path) -> Iterator[RunResults]:
+    """Write outputs to a file within the context: at the start, whenever the run calls its observers, and at the end,
+    even after an error, what was recorded. A file that this run itself has begun is continued.
     """
-    if output is None:
-        yield None
-        return
     path = kinds.path(output, "run.output")
     made = run.output
     if made is not None and made.path == path:

@@ -21,41 +21,17 @@ _LARGEST_POWER = 700.0  # of e that is a finite number
 
 @dataclass(frozen=True)
 class Batch:
-    """Steps that the engine has made, and the action of the sources in them.
-
-    Attributes
-    ----------
-    steps : int
-    places : ndarray of int, shape (n,)
-        Flat indices in the field at which sources act.
-    fields : ndarray, shape (j, n)
-    amplitudes : ndarray, shape (steps, stages, j)
-    """
+    """Steps that the engine has made, and the action of the sources in them."""
 
     steps: int
-    places: np.ndarray
-    fields: np.ndarray
-    amplitudes: np.ndarray
+    places: np.ndarray  # of int, shape (n,); flat indices in the field at which sources act
+    fields: np.ndarray  # shape (j, n)
+    amplitudes: np.ndarray  # shape (steps, stages, j)
 
 
 class SourceTable:
-    """The drives of a run.
-
-    Parameters
-    ----------
-    near : NearField
-    grid : Grid
-    source_terms : sequence of SourceTerm
-        Sources, loads, conditions and incident waves.
-    phases : SolidAndLiquid or None
-        Phases of a corrosion: no source may act on metal.
-    scale : float
-        Largest value that the initial data explain.
-
-    Attributes
-    ----------
-    scale : float
-        Largest value that the initial data and all that has driven the run so far explain.
+    """The source terms of a run: sources, loads, conditions and incident waves. No source may act on the metal of
+    `phases`.
     """
 
     def __init__(
@@ -66,7 +42,8 @@ class SourceTable:
         phases: SolidAndLiquid | None,
         scale: float,
     ) -> None:
-        self.near, self.grid, self.source_terms, self.phases, self.scale = near, grid, list(source_terms), phases, scale
+        self.near, self.grid, self.source_terms, self.phases = near, grid, list(source_terms), phases
+        self.scale = scale  # largest value that the initial data and all that has driven the run so far explain
         self._nodes = grid.indices if self.source_terms else np.zeros(0, np.int64)
         self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
 
@@ -150,9 +127,7 @@ class SourceTable:
 
     def _strengths(self, step: int, samples: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Return where in the field sources act in the next steps, shape (n,), and the strength of each there, shape
-        (j, n).
-
-        Sources that split into space and time stay where they are and are evaluated once.
+        (j, n). Sources that split into space and time stay where they are and are evaluated once.
         """
         if self._lasting is not None:
             return self._lasting
@@ -169,7 +144,7 @@ class SourceTable:
     def _fields(
         self, source_terms: Sequence[SourceTerm], shape: tuple[int, ...], step: int, samples: Sequence[float]
     ) -> list[np.ndarray]:
-        """Return the fields of drives over nodes: one for each drive that splits into space and time, otherwise one for
+        """Return the fields of source terms over nodes: one for each that splits into space and time, otherwise one for
         each sample time of the next step.
         """
         start, found = self.near.dt * step, []

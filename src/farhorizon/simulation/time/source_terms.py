@@ -41,33 +41,19 @@ SourceTerm = tuple[np.ndarray | None, Callable[..., Any]]
 
 @dataclass(frozen=True)
 class SourceTerms:
-    """Sources and loads of a run.
+    """Sources and loads of a run."""
 
-    Attributes
-    ----------
-    sources : list of SourceTerm
-        (space, time) of each source, for vector fields of each of its components, as from
-        `farhorizon.inputs.sources.split`.
-    unsplit : list of callable
-        Sources that do not split into space and time, as functions of the coordinates and t.
-    """
-
+    # (space, time) of each source, for vector fields of each of its components, as from
+    # `farhorizon.inputs.sources.split`
     sources: list[SourceTerm]
+    # sources that do not split into space and time, as functions of the coordinates and t
     unsplit: list[Callable[..., Any]]
 
 
 class SourceChecks:
-    """Checks over the length of a run: of sources that do not split into space and time, beyond the absorbing sides;
-    and of factors of time, between steps.
-
-    Parameters
-    ----------
-    sources : sequence of callable
-        Functions of the coordinates and t.
-    exterior : Exterior
-    dt : float
-    time_histories : sequence of (str, callable)
-        Factors of time by name, as from `time_histories`, which the steps have to resolve.
+    """Checks over the length of a run: of sources that do not split into space and time, functions of the coordinates
+    and t, beyond the absorbing sides; and of the factors of time in `time_histories`, by name, which the steps have to
+    resolve.
     """
 
     def __init__(
@@ -85,12 +71,7 @@ class SourceChecks:
     def check(self, until: float) -> None:
         """Evaluate sources at up to 64 equidistant times, and factors of time between steps, from the time that has
         been checked before to a new one. For each factor that changes within a step, issue a `ValidityWarning` and a
-        note, once.
-
-        Raises
-        ------
-        InputError
-            The near field would miss more of a source than the side's target.
+        note, once. Raises InputError if the near field would miss more of a source than the side's target.
         """
         if until > self._looked:
             for course in self._courses:
@@ -104,13 +85,7 @@ class SourceChecks:
 
 
 class _FactorOfTime:
-    """A factor of time, and what samples between steps have shown of it.
-
-    Parameters
-    ----------
-    key : str
-    time : callable
-    """
+    """A factor of time, and what samples between steps have shown of it."""
 
     def __init__(self, key: str, time: Callable[[float], float]) -> None:
         self._key, self._time, self._over = key, time, False
@@ -191,13 +166,8 @@ def _entries(given: Any) -> list[Any]:
 
 
 def check_signals(setup: Setup, near: NearField) -> None:
-    """Refuse signals with frequencies that the lattice does not carry, and signals that begin with a jump.
-
-    Raises
-    ------
-    InputError
-        Half of the amplitude of a signal lies above the highest frequency of the lattice; the factor of time of a local
-        source varies, but does not begin at rest.
+    """Raise InputError for a signal with half of its amplitude above the highest frequency of the lattice, and for the
+    factor of time of a local source that varies, but does not begin at rest.
     """
     if near.model.order == 1:
         return
@@ -258,10 +228,8 @@ def jump_of(time: Callable[[float], Any], dt: float, key: str) -> float:
 
 def jumps(setup: Setup, near: NearField) -> list[str]:
     """Return notes on sources and loads other than local ones that begin with a jump and keep changing; none for
-    diffusion.
-
-    They are not refused: a point emits waves of all lengths, the shortest of which a jump in time makes large, but a
-    shape emits none that are shorter than itself.
+    diffusion. They are not refused: a point emits waves of all lengths, the shortest of which a jump in time makes
+    large, but a shape emits none that are shorter than itself.
     """
     if near.model.order == 1:
         return []
@@ -334,23 +302,8 @@ def ends_of(sides: Sides) -> dict[Key, bool]:
 def incident_waves(
     setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut], team: ProcessGroup = ALONE
 ) -> list[Arriving]:
-    """Return the incident waves, each with its box and the medium outside it.
-
-    Parameters
-    ----------
-    setup : Setup
-    near : NearField
-        Near field of this process.
-    sides : dict of (axis, side) to Side
-        Sides of the whole.
-    cuts : sequence of Cut
-    team : ProcessGroup
-        The processes, each with its part of the near field.
-
-    Raises
-    ------
-    InputError
-        An unsuitable box, a medium in which no such wave travels, or one that scatters outside the box.
+    """Return the incident waves, each with its box and the medium outside it; `sides` are those of the whole. Raises
+    InputError for an unsuitable box, a medium in which no such wave travels, or one that scatters outside the box.
     """
     ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
@@ -359,33 +312,17 @@ def incident_waves(
 
 
 class Arriving(NamedTuple):
-    """An incident wave on its way to a near field.
+    """An incident wave on its way to a near field."""
 
-    Attributes
-    ----------
-    wave : Incident
-        The wave with its box.
-    factor : float
-        Factor on the bonds outside the box.
-    free : list of (axis, side)
-        Free sides.
-    known : list of (axis, side)
-        The free sides on which the box stands.
-    """
-
-    wave: Incident
-    factor: float
-    free: list[Key]
-    known: list[Key]
+    wave: Incident  # the wave with its box
+    factor: float  # factor on the bonds outside the box
+    free: list[Key]  # free sides
+    known: list[Key]  # the free sides on which the box stands
 
 
 def split_source_terms(sources: Sequence[tuple[str, Any]], near: NearField, exterior: Exterior) -> SourceTerms:
-    """Return sources as functions of space times functions of time if they split.
-
-    Raises
-    ------
-    InputError
-        The near field would miss a part of a source.
+    """Return sources as functions of space times functions of time if they split; raises InputError if the near field
+    would miss a part of a source.
     """
     source_terms = SourceTerms([], [])
     for key, source in sources:
@@ -414,11 +351,7 @@ def _split_part(
 
 def incident_wave_notes(incident: Sequence[Incidence], until: float) -> list[str]:
     """Return notes on incident waves in a run to a time; issue a `ValidityWarning`, once, for what makes them doubtful.
-
-    Raises
-    ------
-    InputError
-        A wave that is not known for so long.
+    Raises InputError for a wave that is not known for so long.
     """
     notes = []
     for one in incident:

@@ -137,12 +137,8 @@ class WholeSteps:
 
 
 def steps_between(every: float, dt: float, key: str = "run.every") -> int:
-    """Return the number of steps between two outputs.
-
-    Raises
-    ------
-    InputError
-        The time between them is not positive, or not a whole number of steps.
+    """Return the number of steps between two outputs; raises InputError if the time between them is not positive, or
+    not a whole number of steps.
     """
     every = kinds.number(every, key, above=0)
     count = whole_steps(every, dt)

@@ -21,7 +21,9 @@ from farhorizon.simulation.heat.heating import Heating
 from farhorizon.simulation.heat.thermoelastic_sides import sides_of_heat
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import Bonds
+from farhorizon.simulation.setup.overstretch import IntactMargin
 from farhorizon.simulation.setup.setup import Setup
+from farhorizon.simulation.time.breaking import Breaking
 from farhorizon.simulation.time.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.time.energies import energies, kinetic_energy, present
 from farhorizon.simulation.time.flow_balance import FlowBalance
@@ -31,65 +33,38 @@ from farhorizon.simulation.time.start import Motion, continued, with_incident_wa
 
 
 class TimeLoop:
-    """Time stepping of the parts of a run; the constructor brings the engine to the start.
-
-    Parameters
-    ----------
-    setup : Setup
-    parts : Parts
-    run_of : callable
-        Makes a run of a set-up, given its observers and a team, for a temperature that is computed alongside.
-    team : ProcessGroup
-        The processes that compute the run.
-
-    Attributes
-    ----------
-    team : ProcessGroup
-    source_table : SourceTable
-    source_checks : SourceChecks
-    flow_balance : FlowBalance or None
-        Flow balance of diffusion, if it is recorded.
-    heating : Heating or None
-        Temperature that strains the medium.
-    margin : IntactMargin or None
-        Nodes whose bonds would break, but cannot.
-    every : int
-        Number of steps between two checks of these on all processes; 0 for none.
-    first_cuts : int
-        Number of absent bonds at the start.
-    first_energy : float
-        Initial energy of an elastic medium whose balance is recorded.
-
-    Raises
-    ------
-    InputError
-        Initial data that would break bonds at once, a balance where there is none.
+    """Time stepping of the parts of a run; the constructor brings the engine to the start. `run_of` makes a run of a
+    set-up, given its observers and a team, for a temperature that is computed alongside. Raises InputError for initial
+    data that would break bonds at once, and a balance where there is none.
     """
 
     def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: ProcessGroup = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.layered.sides, parts.start
-        self.source_checks = SourceChecks(
-            parts.source_terms.unsplit, parts.exterior, near.dt, time_histories(setup, near)
-        )
-        self.flow_balance: FlowBalance | None = None
+        self.source_checks: SourceChecks | None = None
+        if setup.sources or setup.loads:
+            self.source_checks = SourceChecks(
+                parts.source_terms.unsplit, parts.exterior, near.dt, time_histories(setup, near)
+            )
+        self.flow_balance: FlowBalance | None = None  # of diffusion, if it is recorded
         self._severed: Bonds | None = None
         self._opened = len(setup.cracks)
-        self.open_cracks(0)
-        self.first_cuts = int(grid.engine.absent.count)
+        if setup.cracks:
+            self.open_cracks(0)
+        self.first_cuts = int(grid.engine.absent.count)  # bonds that are absent at the start
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
-        self._begun = with_incident_waves(start, parts.incident)
+        self._begun = with_incident_waves(start, parts.incident) if parts.incident else start
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
         self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, 1e-300, *held]))
         self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
-        self.heating = self._heating(run_of)
+        self.heating = None if setup.heat is None else self._heating(setup.heat, run_of)
         self._lay_start()
         if parts.breaking is not None:
             with team.agreed():
                 parts.breaking.check_start(self.source_table.force(0.0))
-        self.first_energy = 0.0
+        self.first_energy = 0.0  # of an elastic medium whose balance is recorded
         if setup.balance and setup.lasting:
             found = self.energies()
             self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
@@ -97,13 +72,14 @@ class TimeLoop:
             count = len(parts.source_terms.sources)
             given = parts.phases, parts.ends, self.source_table, count, team, parts.of_field
             self.flow_balance = FlowBalance(setup, near, sides, grid, *given)
-        self._find_margin()
+        self.margin: IntactMargin | None = None  # nodes whose bonds would break, but cannot
+        self.every = 0  # steps between two checks of these on all processes; 0 for none
+        if parts.breaking is not None:
+            self._find_margin(parts.breaking)
 
-    def _heating(self, run_of: Callable[..., Any]) -> Heating | None:
-        """Return the temperature that strains the medium; None if there is none."""
-        load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.layered.sides
-        if load is None:
-            return None
+    def _heating(self, load: ThermalLoad, run_of: Callable[..., Any]) -> Heating:
+        """Return the temperature that strains the medium."""
+        near, grid, sides = self.parts.near, self.parts.grid, self.parts.layered.sides
         broken = self._broken(load)
         if not (load.coupled or self.parts.thermoelastic):
             return Heating(load, near, grid, sides, run_of, self.team, broken)
@@ -135,15 +111,20 @@ class TimeLoop:
     def _lay_start(self) -> None:
         """Give the engine the initial level, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
-        self._warm(0)
-        beyond = {name: continued(name, self.setup, near, self.parts.layered.sides, grid) for name in ("u", "v")}
+        if self.heating is not None:
+            self._warm(self.heating, 0)
+        beyond: dict[str, np.ndarray | None] = {"u": None, "v": None}
+        if any(side.derivatives for side in self.parts.layered.sides.values()):
+            beyond = {name: continued(name, self.setup, near, self.parts.layered.sides, grid) for name in beyond}
         # in diffusion all levels, because the sweep skips metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
             if beyond["u"] is not None:
                 grid.engine.core.view(level)[...] = beyond["u"]
             grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
-        self.source_table.prescribe()
-        self.source_table.hold(0)
+        if near.conditions.nodes.size:
+            self.source_table.prescribe()
+        if near.prescribed.constraints:
+            self.source_table.hold(0)
         if near.model.order == 2:
             # the medium beyond an outline is at rest
             outside = np.zeros(0, np.int64) if closure is None else closure.unmoved
@@ -153,10 +134,9 @@ class TimeLoop:
         if self.heating is not None:
             self.heating.begin()
 
-    def _warm(self, step: int) -> None:
-        """Update the thermal strains, if there are any, and the displacements that they explain."""
-        if self.heating is not None:
-            self.source_table.scale = max(self.source_table.scale, self.heating.lay(step))
+    def _warm(self, heating: Heating, step: int) -> None:
+        """Update the thermal strains, and the displacements that they explain."""
+        self.source_table.scale = max(self.source_table.scale, heating.lay(step))
 
     def energies(self) -> dict[str, float]:
         """Return the energies of the near field by name, see `farhorizon.Simulation.energies`."""
@@ -216,12 +196,10 @@ class TimeLoop:
             out["dissolved"] = near.visible(np.where(solid, np.nan, near.dt * parts.phases.steps))
         return out
 
-    def _find_margin(self) -> None:
-        self.margin, self.every = None, 0
-        if self.parts.breaking is not None:
-            self.margin = self.parts.breaking.margin()
-            paces = self.team.gather(None if self.margin is None else self.margin.every)
-            self.every = min((pace for pace in paces if pace is not None), default=0)
+    def _find_margin(self, breaking: Breaking) -> None:
+        self.margin = breaking.margin()
+        intervals = self.team.gather(None if self.margin is None else self.margin.every)
+        self.every = min((interval for interval in intervals if interval is not None), default=0)
 
     def _due(self, step: int) -> list[Crack]:
         """Return the cracks that are open at a step."""
@@ -252,8 +230,8 @@ class TimeLoop:
         self._opened = len(due)
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()
-        if step:
-            self._find_margin()
+        if step and breaking is not None:
+            self._find_margin(breaking)
 
     def allow(self, step: int, wanted: int) -> int:
         """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
@@ -270,7 +248,7 @@ class TimeLoop:
     def advance(self, step: int, steps: int) -> Iterator[int]:
         """Make `steps` steps from number `step` on; yields the number of steps of each batch after it."""
         if self.heating is not None and self.heating.due(step):
-            self._warm(step)
+            self._warm(self.heating, step)
         for batch in self.source_table.advance(step, steps):
             if self.heating is not None:
                 self.heating.follow(step)
@@ -368,7 +346,8 @@ class TimeLoop:
         self.open_cracks(step)
         if not made.put():
             return False
-        self._warm(step)
+        if self.heating is not None:
+            self._warm(self.heating, step)
         first = self.team.number == 0
         self._take_sums(meta["sums"] if first else dict.fromkeys(meta["sums"], 0.0), meta["first_amounts"])
         if alone:
