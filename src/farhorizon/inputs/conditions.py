@@ -358,30 +358,14 @@ def resolve(
     gather: Gather = alone,
     stencil: Stencil | None = None,
 ) -> Conditions:
-    """Tables of all conditions.
+    """Return the tables of all conditions on the lattice, or on the part of it that belongs to this process.
 
-    Parameters
-    ----------
-    constraints : sequence of Temperature, Flux, Insulated or Convection
-    lattice : Lattice
-        The lattice, or the part of it that belongs to this process.
-    reach : sequence of int
-        Reach of the stencil along each axis.
-    conductivity : float or ndarray of its shape
-    background : float
-        Value from which the field's values are counted.
-    gather : callable
-        Returns the values of all processes, each of which has a part of the lattice, given that of this process.
-    stencil : Stencil, optional
-        Bonds of the medium, which bear what passes through the surface of a region; those to the nearest nodes unless
-        given.
-
-    Raises
-    ------
-    InputError
-        Not a condition, a side or a shape of another dimension, no node, two conditions on one node that contradict
-        each other, a body too thin for a layer, a flux into a part one node wide, values of a wrong shape or not
-        finite; nodes of a layer that are not in the same part as those from which they follow.
+    `background` is the value from which those of the field are counted. `gather` returns the values of all processes,
+    given that of this one. The bonds of `stencil`, those to the nearest nodes unless given, bear what passes through
+    the surface of a region. Raises InputError for anything but a condition, a side or a shape of another dimension, no
+    node, two conditions on one node that contradict each other, a body too thin for a layer, a flux into a part one
+    node wide, values of a wrong shape or not finite; nodes of a layer that are not in the same part as those from which
+    they follow.
     """
     found: list[_Held] = []
     face: _Face | _RegionSurface
@@ -431,8 +415,8 @@ def losses(
     stencil: Stencil | None = None,
     conductivity: np.ndarray | float = 1.0,
 ) -> list[tuple[int, np.ndarray]]:
-    """Number of each convection and the power that it takes per volume and temperature, of the shape of the lattice or
-    of this part of it; see `resolve`.
+    """Return the number of each convection and the power that it takes per volume and temperature, of the shape of the
+    lattice or of this part of it; see `resolve`.
     """
     return [
         (number, _loss(one, _surface_of(one, lattice, f"constraint[{number}]", gather, stencil), conductivity))
@@ -471,9 +455,8 @@ class _Held:
 
 class _Face:
     """The outermost nodes of a body on one side: for each line along the axis that meets the part of the lattice, the
-    first node, the thickness of the body there, and the position of the wall.
-
-    Nodes are identified by their flat indices in the whole lattice.
+    first node, the thickness of the body there, and the position of the wall. Nodes are identified by their flat
+    indices in the whole lattice.
     """
 
     def __init__(self, name: str, part: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
@@ -509,10 +492,9 @@ class _Face:
         return [place + self.part.first[axis] for axis, place in zip(others, places, strict=True)]
 
     def _depths(self) -> tuple[np.ndarray, np.ndarray]:
-        """For each line that meets the part, the depth of the first node of the body and the number of nodes from there
-        on without a gap, itself included; 0 where there is none.
-
-        The body is examined in pieces, each as thick as the part.
+        """Return for each line that meets the part the depth of the first node of the body and the number of nodes from
+        there on without a gap, itself included, 0 where there is none; the body is examined in pieces, each as thick as
+        the part.
         """
         part, axis = self.part, self.axis
         across = tuple(n for a, n in enumerate(part.shape) if a != axis)

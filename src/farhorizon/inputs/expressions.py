@@ -382,12 +382,8 @@ class Expression(Storable):
 
 
 def function_of(text: str, names: Sequence[str], key: str) -> Callable[..., NDArray[np.float64]]:
-    """Return an expression as a function of arrays with these names.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression of these names.
+    """Return an expression as a function of arrays with these names; raises InputError for a text that is not one of
+    them.
     """
     try:
         tree = _checked(text, tuple(names))
@@ -404,25 +400,13 @@ def function_of(text: str, names: Sequence[str], key: str) -> Callable[..., NDAr
 
 
 def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
-    """Return what a user gives for a function of space and time, with every text turned into an `Expression` of the
-    lattice's coordinates.
+    """Return what a user gives for a function of space and time, or a list with one entry per component, with every
+    text turned into an `Expression` of the lattice's coordinates; what is neither text nor expression is returned as it
+    is.
 
-    Parameters
-    ----------
-    value : str, Expression, callable, array_like or float, or a list of these
-        A list has one entry per component; what is neither text nor expression is returned as it is.
-    dim : int
-        Number of dimensions of the lattice.
-    key : str
-        Name of the value in messages.
-    time : bool
-        Whether it may depend on t.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression of these coordinates; without `time`, an expression of t or a function of
-        arguments other than the coordinates; a value that is not made of real numbers.
+    Raises InputError for a text that is not an expression of these coordinates; unless it may depend on `time`, for an
+    expression of t or a function of arguments other than the coordinates; and for a value that is not made of real
+    numbers.
     """
     if isinstance(value, list | tuple) and not all(isinstance(part, Real) for part in value):
         entries = [as_given(part, dim, f"{key}[{i}]", time=time) for i, part in enumerate(value)]
@@ -446,12 +430,8 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
 
 def as_signal(value: Any, key: str) -> Any:
     """Return what a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a
-    callable as it is.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression of t, a callable with another number of arguments, anything else but a number.
+    callable as it is; raises InputError for a text that is not an expression of t, a callable with another number of
+    arguments, and anything else but a number.
     """
     if isinstance(value, str | Expression):
         try:

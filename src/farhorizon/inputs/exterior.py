@@ -28,25 +28,9 @@ Function = Callable[..., Any]
 class Exterior:
     """The medium beyond the absorbing sides. Fixed, free and periodic sides end it: nothing is missed there.
 
-    Parameters
-    ----------
-    lattice : Lattice
-    sides : dict of (axis, side) to Side
-    wanted : float
-        Part of the largest value that may be missed beyond sides that do not specify it.
-    depth : dict of (axis, side) to int
-        Number of nodes examined beyond each absorbing side: those of the layer, or the stencil's reach if that is more.
-    near : ndarray of bool, optional
-        Nodes of a window whose outline is closed by a condition: what lies around them is missed, too.
-    largest : callable
-        Returns the largest value of all processes, where several compute the run, given that of this process.
-
-    Attributes
-    ----------
-    targets : dict of (axis, side) to float
-        Part of the largest value that may be missed beyond each side.
-    notes : list of str
-        Notes on what was found below the targets, or cannot be checked.
+    Beyond sides that do not specify it, the fraction `wanted` of the largest value may be missed. `depth` is the number
+    of nodes examined beyond each absorbing side. What lies around the nodes `near` of a window whose outline is closed
+    by a condition is missed, too. `largest` returns the largest value of all processes that compute the run.
     """
 
     def __init__(
@@ -65,13 +49,13 @@ class Exterior:
         self.notes: list[str] = []
 
     def but_for(self, sides: Iterable[tuple[int, int]]) -> Exterior:
-        """A copy that does not check some of the sides; it adds its notes to the same list."""
+        """Return a copy that does not check some of the sides; it adds its notes to the same list."""
         others, left_out = copy.copy(self), set(sides)
         others.targets = {key: target for key, target in self.targets.items() if key not in left_out}
         return others
 
     def check_values(self, values: np.ndarray, key: str) -> None:
-        """Note nonzero values at an absorbing edge, since what an array would be beyond it is unknown. Refuse values
+        """Note nonzero values at an absorbing edge, since what an array would be beyond it is unknown; refuse values
         around a closed window.
         """
         peak = float(np.abs(values).max(initial=0))
@@ -101,25 +85,11 @@ class Exterior:
     def check_function(
         self, function: Function, peak: float, key: str, level: float = 0.0, missed: str = "value"
     ) -> None:
-        """Check a function of the coordinates just beyond the absorbing sides.
+        """Check a function of the coordinates just beyond the absorbing sides, where it should be `level`.
 
-        Parameters
-        ----------
-        function : callable
-            Function of the coordinates.
-        peak : float
-            Largest \\|function - level\\| in the near field.
-        key : str
-            Name of the function in messages.
-        level : float
-            Value that the function should have beyond.
-        missed : str
-            What `peak` is the largest of, for messages.
-
-        Raises
-        ------
-        InputError
-            More than a side's target of the largest value lies beyond it, or all of it does.
+        `peak` is its largest difference from that in the near field, and `missed` says in messages what it is the
+        largest of. Raises InputError if more than a side's target of the largest value lies beyond it, or all of it
+        does.
         """
         found, peak = {}, self._largest_of_all(peak)
         for name, target, coordinates, exists in self._around():
@@ -189,8 +159,8 @@ class Exterior:
         )
 
     def _largest(self, function: Function, level: float, times: int = 1) -> tuple[float, str]:
-        """Largest magnitude of the function less the level, and its place, on a sample of the near field and of `times`
-        its extent beyond each absorbing side.
+        """Return the largest magnitude of the function less the level, and its place, on a sample of the near field and
+        of `times` its extent beyond each absorbing side.
         """
         lattice = self.lattice
         more = {key: times * lattice.shape[key[0]] for key in self.targets}
@@ -209,26 +179,8 @@ class Exterior:
         return float(found[top]), shown([float(c[top]) for c in coordinates])
 
     def check_moving(self, source: Function, times: np.ndarray, peak: float, key: str = "source") -> float:
-        """Check a source s(x, ..., t) at some times.
-
-        Parameters
-        ----------
-        source : callable
-            Function of the coordinates and t.
-        times : ndarray
-        peak : float
-            Its largest magnitude in the near field at earlier times.
-        key : str
-
-        Returns
-        -------
-        float
-            Its largest magnitude in the near field, these times included.
-
-        Raises
-        ------
-        InputError
-            As `check_function`.
+        """Check a source s(x, ..., t) at some times as `check_function` does; returns its largest magnitude in the near
+        field at these times, and at earlier ones, at which it was `peak`.
         """
 
         def largest(*coordinates: np.ndarray) -> np.ndarray:
@@ -262,8 +214,8 @@ class Exterior:
             yield "outline", max(self.targets.values()), self.lattice.coordinates(), ~self.near
 
     def strip(self, axis: int, side: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body continues along the
-        normal).
+        """Return the coordinates of the nodes beyond a side, corners included, and which of them exist (a body
+        continues along the normal).
         """
         lattice, dx = self.lattice, self.lattice.spacing
         pads = [(self.depth.get((a, -1), 0), self.depth.get((a, 1), 0)) for a in range(lattice.dim)]
@@ -282,20 +234,11 @@ class Exterior:
 
 
 def changes(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
-    """Notes on a medium that changes in front of absorbing sides, beyond which it continues along the normal as at the
-    edge: gradually along the normal, or at an interface that runs into the side at an angle to the normal.
+    """Return notes on a medium that changes in front of absorbing sides, beyond which it continues along the normal as
+    at the edge: gradually along the normal, or at an interface that runs into the side at an angle to the normal.
 
     A change is gradual if, within the last `_REACHES` reaches, values differ between more pairs of neighbours than one
-    reach holds. An interface that does not run into the side is neither.
-
-    Parameters
-    ----------
-    values : ndarray, of the lattice's shape
-    what : str
-        Name of the values.
-    sides : iterable of (axis, side)
-    reach : sequence of int
-        Reach of the stencil along each axis.
+    reach holds. An interface that does not run into the side is neither. `what` names the values in notes.
     """
     notes = []
     for axis, side in sides:

@@ -32,27 +32,14 @@ _ACROSS_LAYERS = (
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The box of an incident wave on a lattice, and the medium there.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    scheme : Scheme
-        Scheme of the medium at the faces of the box and outside.
-    first, last : ndarray of int, shape (dim,)
-        Smallest and largest index of the box along each axis.
-    surface : (axis, side), optional
-        The free side on which the box stands.
-    states : ForceStates, optional
-        Force states of the medium, if its forces do not follow from bonds alone.
-    """
+    """The box of an incident wave on a lattice, and the medium there."""
 
     lattice: Lattice
-    scheme: Scheme
-    first: np.ndarray
+    scheme: Scheme  # scheme of the medium at the faces of the box and outside
+    first: np.ndarray  # of int, shape (dim,); smallest and largest index of the box along each axis
     last: np.ndarray
-    surface: End | None = None
-    states: ForceStates | None = None
+    surface: End | None = None  # the free side on which the box stands
+    states: ForceStates | None = None  # force states of the medium, if its forces do not follow from bonds alone
 
     @cached_property
     def end(self) -> FreeSide | None:
@@ -211,26 +198,12 @@ def resolved_box(
     key: str,
     met: End | None = None,
 ) -> Box:
-    """Return the box of an incident wave; where it stands on a side, it ends at the nodes of that side.
+    """Return the box of an incident wave: by default the near field less two reaches, up to the free side `met`, if
+    any; where it stands on a side, it ends at the nodes of that side.
 
-    Parameters
-    ----------
-    within : Box or None
-        As given; the near field less two reaches unless given.
-    lattice : Lattice
-    reach : sequence of int
-    ends : mapping of (axis, side) to bool
-        Sides at which the medium ends, and whether they are free.
-    key : str
-        Name of the box in messages.
-    met : (axis, side), optional
-        The free side on which the box stands if none is given.
-
-    Raises
-    ------
-    InputError
-        A box that is not inside the near field by one reach, except at one free side on which it may stand, or one so
-        small that the neighbourhoods of its faces meet.
+    `ends` are the sides at which the medium ends, and whether they are free. Raises InputError for a box that is not
+    inside the near field by one reach, except at one free side on which it may stand, or one so small that the
+    neighbourhoods of its faces meet.
     """
     more, close = lattice.spacing * np.array(reach), _CLOSE * lattice.spacing
     if within is None:
@@ -317,29 +290,7 @@ class Incidence:
 
     The sources :math:`\chi L u_i - L (\chi u_i)` of the incident wave :math:`u_i`, where :math:`\chi` is 1 inside the
     box and 0 outside, require the wave only on the nodes with a bond through a face (`farhorizon.medium.shell.Shell`).
-
-    Parameters
-    ----------
-    wave : Incident
-        The wave with its box.
-    lattice : Lattice
-        Lattice of the run, or a part of it.
-    scheme : Scheme
-        Scheme of the medium outside the box, which the wave satisfies.
-    free : sequence of (axis, side)
-        Free sides.
-    states : ForceStates, optional
-        Force states of that medium.
-
-    Attributes
-    ----------
-    passage : Passage
-    region : Region
-
-    Raises
-    ------
-    InputError
-        As `Incident.passage`.
+    The scheme and the states are those of the medium outside the box, which the wave satisfies.
     """
 
     def __init__(
@@ -413,24 +364,9 @@ def check_scatterers(
     """Return the factor on the bonds outside the box, after a check that cracks, holes and other materials are inside
     it, at least two reaches from its faces.
 
-    Parameters
-    ----------
-    wave : Incident
-        The wave with its box.
-    lattice : Lattice
-        The part of the lattice that belongs to this process.
-    reach : sequence of int
-    cuts : sequence of Cut
-    material : ndarray
-        Factor on the bonds, of the lattice's shape; nan where there are no nodes.
-    free : sequence of (axis, side)
-        Free sides, on one of which the box may stand: it has no face there.
-    gather : callable
-        Returns the values of all processes, each of which has a part of the lattice, given that of this process.
-
-    Raises
-    ------
-    InputError
+    `material` is the factor on the bonds in this part of the lattice, nan where there are no nodes. The box may stand
+    on one of the free sides: it has no face there. `gather` returns the values of all processes, given that of this
+    one.
     """
     assert wave.within is not None
     whole, close = lattice.whole, _CLOSE * lattice.spacing

@@ -151,25 +151,9 @@ class Traction(Load):
 def force_density(
     load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load"
 ) -> np.ndarray:
-    """Force per volume of a traction on the nodes of a lattice, without its factor of time.
-
-    Parameters
-    ----------
-    load : Traction
-    lattice : Lattice
-    sides : mapping of (axis, side) to Side
-    key : str
-        Name of the load in messages.
-
-    Returns
-    -------
-    ndarray, shape (dim, *lattice.shape)
-
-    Raises
-    ------
-    InputError
-        An unknown side or one that is not free, components that are missing or not finite, a range beyond the near
-        field, or one without nodes.
+    """Return the force per volume of a traction on the nodes of a lattice, without its factor of time, shape (dim,
+    *lattice.shape); raises InputError for an unknown side or one that is not free, components that are missing or not
+    finite, a range beyond the near field, or one without nodes.
     """
     names = {AXES[a] + sign: (a, s) for a in range(lattice.dim) for sign, s in (("-", -1), ("+", 1))}
     if load.side not in names:

@@ -75,27 +75,9 @@ def spread(
     key: str,
     derivative: int | None = None,
 ) -> np.ndarray:
-    """Densities on the nodes whose integral over all cells is the sum of the amounts at some points.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    points : ndarray, shape (n, dim)
-    amounts : ndarray, shape (n,)
-    interpolation : {"sinc", "linear"}
-    key : str
-        Name of the points in messages.
-    derivative : int, optional
-        Axis along which the points move: the result is then the change of the densities per length.
-
-    Returns
-    -------
-    ndarray, of the lattice's shape
-
-    Raises
-    ------
-    InputError
-        As `farhorizon.geometry.interpolation.interpolation_blocks`.
+    """Return densities on the nodes whose integral over all cells is the sum of the `amounts`, shape (n,), at points,
+    shape (n, dim). If they move along an axis, `derivative`, it is the change of the densities per length. Raises
+    InputError as `farhorizon.geometry.interpolation.interpolation_blocks`.
     """
     density = np.zeros(int(np.prod(lattice.shape)))
     for start in range(0, len(points), _AT_ONCE):
@@ -457,8 +439,9 @@ class LineSource(LocalSource):
 
 
 def patch(corner: np.ndarray, edges: Sequence[np.ndarray], lattice: Lattice, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Midpoints of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each part, shape
-    (n,), with at least two parts per spacing; raises InputError for one that is much too long for the lattice.
+    """Return midpoints of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each
+    part, shape (n,), with at least two parts per spacing; raises InputError for one that is much too long for the
+    lattice.
     """
     points, size = corner[None], 1.0
     most = 2 * float(np.linalg.norm(lattice.whole.upper - lattice.whole.lower)) + lattice.spacing

@@ -232,28 +232,9 @@ class _Course:
 
 
 class PrescribedNodes:
-    """The constraints of one run, and which of them still hold.
-
-    Parameters
-    ----------
-    constraints : sequence of Prescribed
-    lattice : Lattice
-    components : int
-        Number of components of the field.
-    integrator : Verlet or Euler
-    dt : float
-    background : float
-
-    Attributes
-    ----------
-    nodes : list of ndarray of int
-        Nodes of each constraint in the lattice.
-
-    Raises
-    ------
-    InputError
-        An integrator of several stages, two constraints on one node, a number of entries other than that of the field's
-        components, or what `Prescribed.nodes` refuses.
+    """The constraints of one run, and which of them still hold. Raises InputError for an integrator of several stages,
+    two constraints on one node, a number of entries other than that of the field's components, and what
+    `Prescribed.nodes` refuses.
     """
 
     def __init__(
@@ -301,8 +282,8 @@ class PrescribedNodes:
         return started
 
     def now(self, t: float) -> list[np.ndarray]:
-        """State at a time: for each prescribed component its value less the background, or its velocity, and 1; zeros
-        after its release.
+        """Return the state at a time: for each prescribed component its value less the background, or its velocity, and
+        1; zeros after its release.
         """
         return [
             np.array([held.value_over(self.background if held.constraint.velocity is None else 0.0)(t), 1.0])
@@ -339,8 +320,8 @@ class PrescribedNodes:
         return [i for i, constraint in enumerate(self.constraints) if step < constraint.last_step(self.dt)]
 
     def table(self, step: int, count: int) -> np.ndarray:
-        """Values of the held places after each of `count` steps from `step` on, less the background; shape (count,
-        places).
+        """Return the values of the held places after each of `count` steps from `step` on, less the background; shape
+        (count, places).
         """
         values = [
             np.broadcast_to(held.values(step, count, self.dt), (count, len(held.places))) for held in self._active(step)

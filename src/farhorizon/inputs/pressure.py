@@ -128,33 +128,12 @@ def pressing_force(
     periodic: Mapping[int, bool],
     key: str = "load",
 ) -> np.ndarray:
-    """Force per volume of a pressure on the nodes of a lattice, without its factor of time.
+    """Return the force per volume of a pressure on the nodes of a lattice, or of a part of it, without its factor of
+    time; shape (dim, *lattice.shape).
 
-    Parameters
-    ----------
-    load : Pressure
-    lattice : Lattice
-        The whole lattice, or a part, to whose nodes the force is restricted.
-    model : LatticeModel
-        Model of the medium, or of its host where it varies.
-    cracks : sequence of Crack
-        All cracks of the set-up.
-    rim : {"free", "fixed"}
-        Surface of the body.
-    periodic : mapping of int to bool
-        Whether the lattice is periodic along each axis.
-    key : str
-        Name of the load in messages.
-
-    Returns
-    -------
-    ndarray, shape (dim, *lattice.shape)
-
-    Raises
-    ------
-    InputError
-        A medium without bonds that may be absent; bonds across the crack, or nodes in the hole, that exist; a face or a
-        rim that no absent bond crosses; a tensor of another dimension.
+    `model` is that of the reference medium where the medium varies, and `cracks` are all those of the set-up. Raises
+    InputError for a medium without bonds that may be absent; bonds across the crack, or nodes in the hole, that exist;
+    a face or a rim that no absent bond crosses; and a tensor of another dimension.
     """
     spacing, dim = lattice.spacing, lattice.dim
     if not model.cuttable:
@@ -186,18 +165,12 @@ def pressing_force(
 
 
 def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """Forces of the bonds of a lattice under a uniform stress: force densities times the spacing, shape (K, dim).
+    """Return the forces of the bonds of a lattice under a uniform symmetric stress: force densities times the spacing,
+    shape (K, dim). `of_strains`, shape (K, dim, dim, dim), is the force of each bond for each entry of a displacement
+    gradient.
 
     Forces ``f_k`` of bonds ``xi_k`` amount to a stress ``sum_k f_k xi_k / 2``. The strain is chosen for this stress, so
     that flat faces along the lattice carry exactly the given one, whatever the stencil.
-
-    Parameters
-    ----------
-    offsets : ndarray, shape (K, dim)
-    of_strains : ndarray, shape (K, dim, dim, dim)
-        Force of each bond for each entry of a displacement gradient.
-    stress : ndarray, shape (dim, dim)
-        Symmetric.
     """
     dim = offsets.shape[1]
     pairs = list(itertools.combinations_with_replacement(range(dim), 2))
@@ -224,8 +197,8 @@ def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarr
 
 
 def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Crack], key: str) -> _Faces:
-    """For each offset, the nodes whose bond the crack cuts; raises InputError if no crack of the set-up cuts such a
-    bond.
+    """Yield, for each offset, the nodes whose bond the crack cuts; raises InputError if no crack of the set-up cuts
+    such a bond.
     """
     whole = [crack.cut for crack in cracks if crack.factor == 0]
     for offset in offsets:
@@ -251,8 +224,8 @@ def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Cr
 def _around(
     hole: Shape, lattice: Lattice, offsets: np.ndarray, rim: str, periodic: Mapping[int, bool], key: str
 ) -> _Faces:
-    """For each offset, the nodes of the body with a bond into a hole; raises InputError if the hole contains nodes, or
-    its rim is not free.
+    """Yield, for each offset, the nodes of the body with a bond into a hole; raises InputError if the hole contains
+    nodes, or its rim is not free.
     """
     inside = nodes_in(hole, lattice, f"{key}.on")
     body = np.ones(lattice.shape, bool) if lattice.existing is None else lattice.existing

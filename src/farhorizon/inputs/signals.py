@@ -536,13 +536,7 @@ class Samples(Signal):
 
 
 class Delayed(Signal, offered=False):
-    """A signal with a delay, as emitted by one element of an array.
-
-    Parameters
-    ----------
-    signal : Signal
-    delay : float
-    """
+    """A signal with a delay, as emitted by one element of an array."""
 
     def __init__(self, signal: Signal, delay: float) -> None:
         self.signal, self.delay = signal, delay

@@ -67,13 +67,8 @@ def steady(t: float) -> float:
 
 def as_source(source: Any, dim: int, key: str) -> Any:
     """Return a source, or a value that is given like one, with every text turned into an `Expression` of the lattice's
-    coordinates.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression, a function of arguments other than the coordinates and t, or, where there is a
-        factor of time, other than the coordinates.
+    coordinates; raises InputError for a text that is not an expression, and a function of arguments other than the
+    coordinates and t, or, where there is a factor of time, other than the coordinates.
     """
     value, timed = (source.value, source.time is not None) if isinstance(source, Source) else (source, False)
     found = as_given(value, dim, key)
@@ -84,8 +79,8 @@ def as_source(source: Any, dim: int, key: str) -> Any:
 
 
 def space_and_time(source: Any) -> tuple[Any, Callable[..., Any]]:
-    """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None,
-    s(*coordinates, t)).
+    """Return (space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or
+    (None, s(*coordinates, t)).
     """
     if not isinstance(source, Source):
         source = Source(source)
@@ -103,12 +98,8 @@ def space_and_time(source: Any) -> tuple[Any, Callable[..., Any]]:
 
 
 def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarray | None, Callable[..., Any]]:
-    """(space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the field's shape.
-
-    Raises
-    ------
-    InputError
-        An array of another shape, or values that are not finite.
+    """Return (space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the field's shape;
+    raises InputError for an array of another shape, and values that are not finite.
     """
     space, time = space_and_time(source)
     if space is None:
@@ -144,13 +135,9 @@ def _is_zero(value: Any) -> bool:
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
-    """Values on the nodes from an array, a callable or a number, or one of these per component: of the lattice's shape,
-    for vectors with the components first.
-
-    Raises
-    ------
-    InputError
-        As in `checked`, or a number of components other than that of the field.
+    """Return values on the nodes from an array, a callable or a number, or one of these per component: of the lattice's
+    shape, for vectors with the components first. Raises InputError as `checked`, and for a number of components other
+    than that of the field.
     """
     found = value(*lattice.coordinates()) if callable(value) else value
     if components == 1:

@@ -84,28 +84,9 @@ def check_held(any_node: bool, key: str) -> None:
 def place(
     specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the solid nodes and the concentration on them.
-
-    Parameters
-    ----------
-    specimens : sequence of Specimen
-    lattice : Lattice
-    saturation : float
-        Must lie between the concentrations of the liquid far away and of each specimen, either excluded.
-    background : float
-        Concentration of the liquid far away.
-
-    Returns
-    -------
-    solid : ndarray of bool, of the lattice's shape
-    concentration : ndarray, of the lattice's shape
-        Zero in the liquid.
-
-    Raises
-    ------
-    InputError
-        An object that is not a specimen, a specimen without nodes, two different ones on one node, a saturation out of
-        range.
+    """Return the solid nodes and the concentration on them, zero in the liquid, both of the lattice's shape. Raises
+    InputError for anything but a specimen, one without nodes, two different ones on one node, and a saturation that is
+    not between the concentrations of the liquid far away, `background`, and of each specimen.
     """
     solid, concentration = np.zeros(lattice.shape, bool), np.zeros(lattice.shape)
     for number, specimen in enumerate(specimens):

@@ -88,14 +88,7 @@ class TravellingWave(Incident):
 
 
 class SurfacePassage(Passage):
-    """A pulse in a half-space.
-
-    Parameters
-    ----------
-    pulse : SurfacePulse
-    region : Region
-    end : FreeSide
-    """
+    """A pulse in a half-space."""
 
     def __init__(self, pulse: SurfacePulse, region: Region, end: FreeSide) -> None:
         self._pulse, self._region, self._end = pulse, region, end
@@ -109,9 +102,7 @@ class SurfacePassage(Passage):
 
     @cached_property
     def midway(self) -> float:
-        """Time at which the wave is strongest in the middle of the box: its tails may be far longer than its
-        passage.
-        """
+        """Time at which the wave is strongest in the middle of the box: its tails may be far longer."""
         value = self.at((self._region.first + self._region.last)[None] // 2)
         return max(np.linspace(0, self.period, _MOMENTS).tolist(), key=lambda t: float(np.abs(value(t)).max()))
 

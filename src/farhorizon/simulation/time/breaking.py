@@ -240,7 +240,7 @@ class Breaking:
         )
 
     def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
-        """Return the sides within one reach of which there are cracks whose faces would come into contact, but do not."""
+        """Return the sides within one reach of which there are cracks whose faces would meet, but do not."""
         near, found = self.near, set()
         for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
             if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):

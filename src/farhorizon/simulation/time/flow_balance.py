@@ -218,7 +218,7 @@ class FlowBalance:
         self.first = dict(first)
 
     def balance(self) -> dict[str, float]:
-        """Return what the near field has gained since the start, and from where; see `farhorizon.Simulation.balance`."""
+        """Return what the near field has gained, and from where; see `farhorizon.Simulation.balance`."""
         lattice = self.near.lattice
         unit = lattice.spacing**lattice.dim / self.near.model.source_factor
         flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)
