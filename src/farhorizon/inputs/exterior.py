@@ -23,6 +23,7 @@ _FARTHER = (2, 4, 8, 16, 32)
 _ROUNDING = float(np.finfo(float).eps)  # values below this part of the largest count as zero
 
 Function = Callable[..., Any]
+_Part = tuple[str, float, list[np.ndarray], np.ndarray]  # name, target, coordinates and existing nodes
 
 
 class Exterior:
@@ -92,9 +93,9 @@ class Exterior:
         does.
         """
         found, peak = {}, self._largest_of_all(peak)
-        for name, target, coordinates, exists in self._around():
+        for (name, target, coordinates, exists), values in self._evaluated(function):
             with np.errstate(all="ignore"):
-                beyond = np.abs(np.where(exists, np.asarray(function(*coordinates), float) - level, 0.0))
+                beyond = np.abs(np.where(exists, values - level, 0.0))
             worst = float(beyond.max(initial=0))
             share = worst / max(peak, worst, 1e-300) if np.isfinite(worst) else np.inf
             if not share <= target:
@@ -206,8 +207,21 @@ class Exterior:
                     remedy="move it inside or enlarge the near field",
                 )
 
-    def _around(self) -> Iterator[tuple[str, float, list[np.ndarray], np.ndarray]]:
-        """Name, target, coordinates and existing nodes of each part of the medium that is examined."""
+    def _evaluated(self, function: Function) -> list[tuple[_Part, np.ndarray]]:
+        """Return each part of the medium that is examined, and the values of a function there, which is called once."""
+        parts = list(self._around())
+        if not parts:
+            return []
+        shapes = [coordinates[0].shape for _, _, coordinates, _ in parts]
+        along = zip(*(coordinates for _, _, coordinates, _ in parts), strict=True)
+        places = [np.concatenate([values.ravel() for values in axis]) for axis in along]
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(np.asarray(function(*places), float), places[0].shape)
+        pieces = np.split(values, np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1])
+        return [(part, piece.reshape(shape)) for part, piece, shape in zip(parts, pieces, shapes, strict=True)]
+
+    def _around(self) -> Iterator[_Part]:
+        """Yield each part of the medium that is examined."""
         for (axis, side), target in self.targets.items():
             yield _name(axis, side), target, *self.strip(axis, side)
         if self.near is not None:

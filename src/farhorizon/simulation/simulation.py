@@ -34,7 +34,7 @@ from farhorizon.simulation.recorders.recorder import Observer
 from farhorizon.simulation.recorders.recording import Recording
 from farhorizon.simulation.recorders.running_cracks import with_energy_factor
 from farhorizon.simulation.run import Run
-from farhorizon.simulation.setup.modified_setups import remade_setup, shortened_setup
+from farhorizon.simulation.setup.modified_setups import evaluated_setup, remade_setup, shortened_setup
 from farhorizon.simulation.setup.overstretch import look_at
 from farhorizon.simulation.setup.setup import Key, Setup, side_name
 from farhorizon.simulation.setup.thin_bodies import thin_note
@@ -193,6 +193,8 @@ class Simulation(Run):
             self.topology = check_given(setup, observe, topology, team)
         self.subdomain: Subdomain | None = None
         with team.agreed():
+            if setup.model.varying and not team:
+                setup = evaluated_setup(setup)
             if setup.model.bond_law is not None:
                 setup = with_energy_factor(setup, self.of, team)
             if team:

@@ -9,11 +9,24 @@ from typing import Any
 import numpy as np
 
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.expressions import Expression
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.setup.reference_medium import constants_of
 from farhorizon.simulation.setup.setup import Setup, check_names
 
 _LEAST = 5  # planes that remain of a stretch of equal ones, or as many as a node interacts with
+
+
+def evaluated_setup(setup: Setup) -> Setup:
+    """Return a set-up with the values, at the nodes, of those constants of its model that are functions of users, so
+    that trials and runs that are made anew do not call them again.
+    """
+    varying = setup.model.varying
+    functions = [name for name, value in varying.items() if callable(value) and not isinstance(value, Expression)]
+    if not functions:
+        return setup
+    constants = constants_of(setup)
+    return replace(setup, model=setup.model.with_constants({name: constants[name] for name in functions}))
 
 
 def remade_setup(setup: Setup, resolved: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
