@@ -256,24 +256,26 @@ def _driven(source_terms: Sequence[SourceTerm], shape: tuple[int, ...]) -> np.nd
     return active | (constant != 0)
 
 
-def _set_surface(one: Flux | Convection, needed: str) -> None:
+def _set_surface(condition: Flux | Convection, needed: str) -> None:
     """Check where a flux or convection acts, and take the region as the place."""
-    if (one.where is None) == (one.region is None):
+    if (condition.where is None) == (condition.region is None):
         raise InputError(
             "give either a side or a region with a surface",
-            value=kinds.said(one.where),
+            value=kinds.said(condition.where),
             key="constraint.where",
             remedy='"x-", or region=Disc(...) of a hole or a body',
         )
-    if getattr(one, needed) is None:
+    if getattr(condition, needed) is None:
         raise InputError(f"the {needed} is missing", value="none", key=f"constraint.{needed}", limit="a number")
-    if one.region is not None:
-        kinds.set_fields(one, where=kinds.instance(one.region, "constraint.region", Shape, "a shape"), region=None)
-    assert one.where is not None
-    if isinstance(one.where, Shape):
-        _check_place(one.where, one.within, anywhere=True)
+    if condition.region is not None:
+        kinds.set_fields(
+            condition, where=kinds.instance(condition.region, "constraint.region", Shape, "a shape"), region=None
+        )
+    assert condition.where is not None
+    if isinstance(condition.where, Shape):
+        _check_place(condition.where, condition.within, anywhere=True)
     else:
-        _check_place(one.where, one.within)
+        _check_place(condition.where, condition.within)
 
 
 def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
@@ -367,7 +369,7 @@ def resolve(
     node wide, values of a wrong shape or not finite; nodes of a layer that are not in the same part as those from which
     they follow.
     """
-    found: list[_Held] = []
+    held: list[_Held] = []
     face: _Face | _RegionSurface
     heated: list[tuple[int, _Face | _RegionSurface]] = []  # sides and surfaces that take heat as a source
     out = Conditions()
@@ -389,20 +391,26 @@ def resolve(
             heated.append((number, face))
         elif isinstance(constraint.where, str):
             side = _Face(constraint.where, lattice, constraint.within, key, gather)
-            found.append(_on_face(number, constraint, side, lattice, reach, conductivity, background, key))
+            held.append(_on_face(number, constraint, side, lattice, reach, conductivity, background, key))
         else:
-            found.append(_in_region(number, constraint, lattice, background, key, gather))
-    _join(out, found, lattice)
-    _refuse_heated(out, found, heated, lattice)
+            held.append(_in_region(number, constraint, lattice, background, key, gather))
+    _join(out, held, lattice)
+    _refuse_heated(out, held, heated, lattice)
     for number, face in heated:
-        one = constraints[number]
-        if isinstance(one, Convection) and one.within is not None:
-            same = (other.own(0) for _, other in heated if (other.axis, other.side) == (face.axis, face.side))
-            whole = _surface_of(replace(one, within=None), lattice, f"constraint[{number}]", gather, stencil).own(0)
-            rest = sum(gather(int((~np.isin(whole, np.concatenate([out.nodes, *same]))).sum())))
+        condition = constraints[number]
+        if isinstance(condition, Convection) and condition.within is not None:
+            on_face = (
+                face_there.own(0)
+                for _, face_there in heated
+                if (face_there.axis, face_there.side) == (face.axis, face.side)
+            )
+            nodes_of_side = _surface_of(
+                replace(condition, within=None), lattice, f"constraint[{number}]", gather, stencil
+            ).own(0)
+            rest = sum(gather(int((~np.isin(nodes_of_side, np.concatenate([out.nodes, *on_face]))).sum())))
             if rest:
                 out.notes.append(
-                    f"constraint[{number}]: outside `within` {rest} of the {sum(gather(len(whole)))} nodes of "
+                    f"constraint[{number}]: outside `within` {rest} of the {sum(gather(len(nodes_of_side)))} nodes of "
                     f"{face.name} are insulated: no heat passes there"
                 )
     return out
@@ -418,26 +426,27 @@ def losses(
     """Return the number of each convection and the power that it takes per volume and temperature, of the shape of the
     lattice or of this part of it; see `resolve`.
     """
-    return [
-        (number, _loss(one, _surface_of(one, lattice, f"constraint[{number}]", gather, stencil), conductivity))
-        for number, one in enumerate(constraints)
-        if isinstance(one, Convection)
-    ]
+    lost = []
+    for number, condition in enumerate(constraints):
+        if isinstance(condition, Convection):
+            face = _surface_of(condition, lattice, f"constraint[{number}]", gather, stencil)
+            lost.append((number, _loss(condition, face, conductivity)))
+    return lost
 
 
-def _loss(one: Convection, face: _Face | _RegionSurface, conductivity: np.ndarray | float) -> np.ndarray:
-    assert one.transfer is not None
-    return face.spread(face.transfer(one.transfer, conductivity))
+def _loss(convection: Convection, face: _Face | _RegionSurface, conductivity: np.ndarray | float) -> np.ndarray:
+    assert convection.transfer is not None
+    return face.spread(face.transfer(convection.transfer, conductivity))
 
 
 def _surface_of(
-    one: Flux | Convection, lattice: Lattice, key: str, gather: Gather, stencil: Stencil | None
+    condition: Flux | Convection, lattice: Lattice, key: str, gather: Gather, stencil: Stencil | None
 ) -> _Face | _RegionSurface:
-    if isinstance(one.where, str):
-        return _Face(one.where, lattice, one.within, key, gather)
-    assert isinstance(one.where, Shape)
+    if isinstance(condition.where, str):
+        return _Face(condition.where, lattice, condition.within, key, gather)
+    assert isinstance(condition.where, Shape)
     stencil = Stencil.finite_difference(lattice.dim) if stencil is None else stencil
-    return _RegionSurface(one.where, lattice, one.within, key, gather, stencil)
+    return _RegionSurface(condition.where, lattice, condition.within, key, gather, stencil)
 
 
 @dataclass
@@ -486,10 +495,10 @@ class _Face:
     @property
     def _across(self) -> list[np.ndarray]:
         """Indices of the lines along the other axes of the whole lattice."""
-        others = [axis for axis in range(self.part.dim) if axis != self.axis]
-        shape = [self.part.shape[axis] for axis in others]
-        places = np.unravel_index(self._lines, shape) if others else ()  # a bar has one line along its axis
-        return [place + self.part.first[axis] for axis, place in zip(others, places, strict=True)]
+        across = [axis for axis in range(self.part.dim) if axis != self.axis]
+        shape = [self.part.shape[axis] for axis in across]
+        places = np.unravel_index(self._lines, shape) if across else ()  # a bar has one line along its axis
+        return [place + self.part.first[axis] for axis, place in zip(across, places, strict=True)]
 
     def _depths(self) -> tuple[np.ndarray, np.ndarray]:
         """Return for each line that meets the part the depth of the first node of the body and the number of nodes from
@@ -509,10 +518,10 @@ class _Face:
             ends[axis] = (start, last) if self.side < 0 else (self.count - last, self.count - start)
             mask = self.lattice.part(ends).existing
             assert mask is not None
-            for depth, there in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
-                nearest = np.where((thickness == 0) & there, depth, nearest)
-                goes_on &= there | (thickness == 0)
-                thickness = thickness + (there & goes_on)
+            for depth, exists in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
+                nearest = np.where((thickness == 0) & exists, depth, nearest)
+                goes_on &= exists | (thickness == 0)
+                thickness = thickness + (exists & goes_on)
         return nearest, thickness
 
     def nodes(self, depth: int) -> np.ndarray:
@@ -638,8 +647,8 @@ def _on_face(
     face.need(layers + (layers if mirror else 1), "the body is too thin for the layer of a condition")
     mine, nodes = lattice.own(np.concatenate([face.nodes(depth) for depth in range(layers)]))
     inner = [face.nodes(2 * layers - 1 - depth if mirror else layers) for depth in range(layers)]
-    there, references = lattice.own(np.concatenate(inner)[mine])
-    if not there.all():
+    in_part, references = lattice.own(np.concatenate(inner)[mine])
+    if not in_part.all():
         raise InputError(
             "a condition depends on nodes that another process has",
             value=face.name,
@@ -709,10 +718,10 @@ def _values_at(value: Any, at: Sequence[np.ndarray], nodes: np.ndarray, lattice:
     if space is None:
         return None, lambda t: _finite(time(*at, t), len(nodes), key)
     space = kinds.array(space(*at) if callable(space) else space, key, finite=False)
-    whole = lattice.whole.shape
-    if space.ndim and space.shape != whole and space.shape != nodes.shape:
-        raise InputError("an array must have the lattice's shape", value=space.shape, limit=whole, key=key)
-    return _finite(space[lattice.within].ravel()[nodes] if space.shape == whole else space, len(nodes), key), time
+    whole_shape = lattice.whole.shape
+    if space.ndim and space.shape != whole_shape and space.shape != nodes.shape:
+        raise InputError("an array must have the lattice's shape", value=space.shape, limit=whole_shape, key=key)
+    return _finite(space[lattice.within].ravel()[nodes] if space.shape == whole_shape else space, len(nodes), key), time
 
 
 class _RegionSurface:
@@ -738,7 +747,7 @@ class _RegionSurface:
         if within is not None:
             kept = within.contains(np.stack([g.ravel()[self._nodes] for g in part.coordinates()], axis=-1))
             self._nodes, self._at, self.first, self._depth = (
-                one[kept] for one in (self._nodes, self._at, self.first, self._depth)
+                values[kept] for values in (self._nodes, self._at, self.first, self._depth)
             )
         if not any(gather(bool(self._nodes.size))):
             raise InputError(
@@ -752,19 +761,21 @@ class _RegionSurface:
     def _bonds(self, stencil: Stencil) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes, crossings, areas in those of a face of a cell, and distances from the surface, of all bonds."""
         part, reach = self.part, stencil.reach
-        wide, own = part.around(reach)
-        there = np.ones(wide.shape, bool) if wide.mask is None else wide.mask
-        beyond = [(m - one.start, one.stop + m - n) for m, one, n in zip(reach, own, wide.shape, strict=True)]
-        missing = np.pad(~there, beyond)  # the sides of the lattice are no surface
+        wide, part_in_wide = part.around(reach)
+        exists = np.ones(wide.shape, bool) if wide.mask is None else wide.mask
+        beyond = [
+            (m - ends.start, ends.stop + m - n) for m, ends, n in zip(reach, part_in_wide, wide.shape, strict=True)
+        ]
+        missing = np.pad(~exists, beyond)  # the sides of the lattice are no surface
         middle = tuple(slice(m, m + n) for m, n in zip(reach, part.shape, strict=True))
         moment = 0.5 * (stencil.weights[:, None] * stencil.offsets**2).sum(0).mean()
         near = np.zeros(part.shape, bool)
         for offset in stencil.offsets:
-            near |= missing[tuple(slice(one.start + k, one.stop + k) for one, k in zip(middle, offset, strict=True))]
+            near |= missing[tuple(slice(ends.start + k, ends.stop + k) for ends, k in zip(middle, offset, strict=True))]
         nodes = np.flatnonzero(near & ~missing[middle])
         at = np.stack([g.ravel()[nodes] for g in part.coordinates()], axis=-1)
         places = np.stack(np.unravel_index(nodes, part.shape), axis=-1) + np.array(reach)
-        here, found = self._region.contains(at)[:, None], []
+        here, crossing = self._region.contains(at)[:, None], []
         for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
             count = self._SAMPLES * int(np.abs(offset).max())
             steps = np.arange(1, count + 1)[:, None] * offset / count
@@ -775,12 +786,14 @@ class _RegionSurface:
             low = high - 1 / count
             for _ in range(self._HALVINGS):
                 half = (low + high) / 2
-                same = self._region.contains(at[which] + part.spacing * half[:, None] * offset) == here[which, 0]
-                low, high = np.where(same, half, low), np.where(same, high, half)
+                before_surface = (
+                    self._region.contains(at[which] + part.spacing * half[:, None] * offset) == here[which, 0]
+                )
+                low, high = np.where(before_surface, half, low), np.where(before_surface, high, half)
             points = at[which] + part.spacing * high[:, None] * offset
             along = np.abs(self._normals(points) @ offset)
-            found.append((nodes[which], points, weight / moment * along, part.spacing * high * along))
-        return tuple(np.concatenate(one) for one in zip(*found, strict=True))  # type: ignore[return-value]
+            crossing.append((nodes[which], points, weight / moment * along, part.spacing * high * along))
+        return tuple(np.concatenate(values) for values in zip(*crossing, strict=True))  # type: ignore[return-value]
 
     def _normals(self, at: np.ndarray) -> np.ndarray:
         """Normals of the region at points of its surface, from where it lies around them."""
@@ -788,13 +801,13 @@ class _RegionSurface:
         along = (2 * np.arange(count) + 1 - count) / count
         ball = np.stack(np.meshgrid(*[along] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
         ball = ball[(ball**2).sum(1) <= 1]
-        found = np.zeros_like(at)
+        normals = np.zeros_like(at)
         for first in range(0, len(at), self._CHUNK):
             points = at[first : first + self._CHUNK, None] + self._BALL * self.part.spacing * ball
             normal = self._region.contains(points) @ ball
             length = np.linalg.norm(normal, axis=1, keepdims=True)
-            found[first : first + self._CHUNK] = normal / np.where(length > 0, length, 1.0)
-        return found
+            normals[first : first + self._CHUNK] = normal / np.where(length > 0, length, 1.0)
+        return normals
 
     def transfer(self, given: float, conductivity: np.ndarray | float) -> np.ndarray:
         """Heat transfer coefficients between a fluid and the nodes: that of the surface, and the way to the node."""
@@ -820,11 +833,11 @@ class _RegionSurface:
         return _values_at(value, list(self._at.T), self._nodes, self.part, self.key)
 
 
-def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputError:
+def _contradiction(first: int, second: int, node: int, lattice: Lattice) -> InputError:
     at = np.array(np.unravel_index(node, lattice.shape))
     return InputError(
         "two conditions on one node contradict each other",
-        value=f"constraint[{min(one, other)}] and constraint[{max(one, other)}] near "
+        value=f"constraint[{min(first, second)}] and constraint[{max(first, second)}] near "
         f"{(lattice.lower + at * lattice.spacing).tolist()}",
         key="constraints",
         remedy="restrict one of them by `within`",
@@ -832,41 +845,41 @@ def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputEr
 
 
 def _refuse_heated(
-    out: Conditions, found: Sequence[_Held], heated: Sequence[tuple[int, _Face | _RegionSurface]], lattice: Lattice
+    out: Conditions, held_nodes: Sequence[_Held], heated: Sequence[tuple[int, _Face | _RegionSurface]], lattice: Lattice
 ) -> None:
     """Refuse heat into nodes whose value is prescribed, where it would be lost; where two sides of the body meet, it
     goes into the wall.
     """
-    axes = {held.number: held.axis for held in found}
+    axes = {held.number: held.axis for held in held_nodes}
     for number, face in heated:
-        same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
-        lost = np.flatnonzero(same & np.isin(out.nodes, face.own(0)))
+        alike = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
+        lost = np.flatnonzero(alike & np.isin(out.nodes, face.own(0)))
         if lost.size:
             raise _contradiction(number, int(out.owner[lost[0]]), int(out.nodes[lost[0]]), lattice)
 
 
-def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
+def _join(out: Conditions, held_nodes: Sequence[_Held], lattice: Lattice) -> None:
     """Join all conditions into one table: plain values first, then nodes that follow from others, axis by axis.
 
     A node with two conditions must get the same number from both. Only in the edges and corners where layers of
     different axes meet does one take precedence: a plain value, otherwise the layer of the later axis, which reads that
     of the earlier one (the mirror image of a mirror image).
     """
-    if not found:
+    if not held_nodes:
         return
     shape = lattice.shape
     owner = np.full(int(np.prod(shape)), -1)
-    by_number = {h.number: h for h in found}
-    order = sorted(found, key=lambda h: (h.weight != 0, -1 if h.axis is None else h.axis))
+    by_number = {h.number: h for h in held_nodes}
+    order = sorted(held_nodes, key=lambda h: (h.weight != 0, -1 if h.axis is None else h.axis))
     for held in order:
         taken = owner[held.nodes]
-        for other in np.unique(taken[taken >= 0]):
-            rival = by_number[int(other)]
+        for owner_there in np.unique(taken[taken >= 0]):
+            rival = by_number[int(owner_there)]
             corner = None not in (held.axis, rival.axis) and held.axis != rival.axis and bool(held.weight)
             if not corner and (held.plain is None or held.plain != rival.plain):
-                raise _contradiction(held.number, int(other), int(held.nodes[taken == other][0]), lattice)
+                raise _contradiction(held.number, int(owner_there), int(held.nodes[taken == owner_there][0]), lattice)
             if corner and rival.weight:
-                owner[held.nodes[taken == other]] = held.number
+                owner[held.nodes[taken == owner_there]] = held.number
         owner[held.nodes[taken < 0]] = held.number
     kept = [(held, owner[held.nodes] == held.number) for held in order]
     place = np.full(owner.shape, -1)  # position of each node in the order of setting

@@ -92,7 +92,7 @@ class _OfNumbers:
         self._of_arrays: Callable[..., Any] = given
 
     def __call__(self, *arrays: Any) -> NDArray[np.float64]:
-        arrays = tuple(np.asarray(one, float) for one in arrays)
+        arrays = tuple(np.asarray(array, float) for array in arrays)
         if self.compiled is None:
             self.compiled = self._compile(*arrays)
         try:
@@ -109,7 +109,7 @@ class _OfNumbers:
         """Compile, and return whether Numba can: whether it compiles and calculates what Python does."""
         import numba  # late: slow to import
 
-        some = [one.flat[: 1 if one.size else 0] for one in arrays]
+        some = [array.flat[: 1 if array.size else 0] for array in arrays]
         self._of_arrays = np.vectorize(self.__wrapped__, otypes=[float])
         try:
             made = numba.vectorize([numba.float64(*[numba.float64] * len(arrays))])(self.__wrapped__)
@@ -420,12 +420,14 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
     try:
         if isinstance(value, str) and not time:
             _checked(value, COORDINATES[:dim])
-        found = value.on(dim) if isinstance(value, Expression) else Expression(value, dim)
+        expression = value.on(dim) if isinstance(value, Expression) else Expression(value, dim)
     except InputError as error:
         raise error.at(key) from None
-    if found.uses_time and not time:
-        raise InputError("cannot depend on t", value=found.text, key=key, remedy=f"use {', '.join(COORDINATES[:dim])}")
-    return found
+    if expression.uses_time and not time:
+        raise InputError(
+            "cannot depend on t", value=expression.text, key=key, remedy=f"use {', '.join(COORDINATES[:dim])}"
+        )
+    return expression
 
 
 def as_signal(value: Any, key: str) -> Any:
@@ -582,8 +584,8 @@ def _check_operators(ops: Iterable[ast.AST], known: Mapping[Any, Any]) -> None:
 
 def _check_number(value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        kind = "a string" if isinstance(value, str) else f"a constant of type {type(value).__name__}"
-        raise InputError(f"{kind} is not allowed in an expression", value=repr(value), remedy="use real numbers")
+        given_type = "a string" if isinstance(value, str) else f"a constant of type {type(value).__name__}"
+        raise InputError(f"{given_type} is not allowed in an expression", value=repr(value), remedy="use real numbers")
     # Python compares a huge integer exactly, where a conversion to float raises.
     if value > sys.float_info.max:
         raise InputError("a number in the expression is beyond the double range", limit=sys.float_info.max)
@@ -596,7 +598,7 @@ def _check_name(name: str, variables: Sequence[str]) -> None:
     if name == "t":
         raise InputError("cannot depend on t", remedy=f"use {', '.join(variables)}")
     if name in COORDINATES:
-        dim = sum(one in COORDINATES for one in variables)
+        dim = sum(variable in COORDINATES for variable in variables)
         where = f"in {dim} dimensions" if dim else "in a function of t alone"
         raise InputError(f"there is no {name} {where}", remedy=f"use {', '.join(variables)}")
     if name in FUNCTIONS:

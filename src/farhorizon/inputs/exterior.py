@@ -38,29 +38,29 @@ class Exterior:
         self,
         lattice: Lattice,
         sides: dict[tuple[int, int], Side],
-        wanted: float,
+        target: float,
         depth: dict[tuple[int, int], int],
         near: np.ndarray | None = None,
         largest: Callable[[float], float] = float,
     ) -> None:
         self.lattice, self.depth, self.near, self._largest_of_all = lattice, depth, near, largest
         absorbing = {key: b for key, b in sides.items() if b.endless}
-        self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
+        self.targets = {key: b.wanted(target) for key, b in absorbing.items()}
         self.examines = bool(self.targets) or near is not None or largest is not float  # also with other processes
         self.notes: list[str] = []
 
     def but_for(self, sides: Iterable[tuple[int, int]]) -> Exterior:
         """Return a copy that does not check some of the sides; it adds its notes to the same list."""
-        others, left_out = copy.copy(self), set(sides)
-        others.targets = {key: target for key, target in self.targets.items() if key not in left_out}
-        return others
+        checks, left_out = copy.copy(self), set(sides)
+        checks.targets = {key: target for key, target in self.targets.items() if key not in left_out}
+        return checks
 
     def check_values(self, values: np.ndarray, key: str) -> None:
         """Note nonzero values at an absorbing edge, since what an array would be beyond it is unknown; refuse values
         around a closed window.
         """
         peak = float(np.abs(values).max(initial=0))
-        found = {}
+        at_edges = {}
         if self.near is not None:
             missed = float(np.abs(np.where(self.near, 0.0, values)).max(initial=0))
             if missed > max(self.targets.values()) * peak:
@@ -75,11 +75,11 @@ class Exterior:
         for (axis, side), target in self.targets.items():
             edge = float(np.abs(np.take(values, 0 if side < 0 else -1, axis)).max(initial=0))
             if edge > target * peak:
-                found[_name(axis, side)] = edge / peak
-        if found:
+                at_edges[_name(axis, side)] = edge / peak
+        if at_edges:
             self.notes.append(
-                f"{key} is an array with {max(found.values()):.2g} of its largest value at an absorbing edge "
-                f"({', '.join(found)}): it is taken to be "
+                f"{key} is an array with {max(at_edges.values()):.2g} of its largest value at an absorbing edge "
+                f"({', '.join(at_edges)}): it is taken to be "
                 "zero beyond, which cannot be checked"
             )
 
@@ -92,7 +92,7 @@ class Exterior:
         largest of. Raises InputError if more than a side's target of the largest value lies beyond it, or all of it
         does.
         """
-        found, peak = {}, self._largest_of_all(peak)
+        shares, peak = {}, self._largest_of_all(peak)
         for (name, target, coordinates, exists), values in self._evaluated(function):
             with np.errstate(all="ignore"):
                 beyond = np.abs(np.where(exists, values - level, 0.0))
@@ -121,10 +121,10 @@ class Exterior:
                     + (", set background to its value far away" if missed == "initial value" else ""),
                 )
             if share > _ROUNDING:
-                found[name] = share
-        if found:
+                shares[name] = share
+        if shares:
             self.notes.append(
-                f"{key}: {max(found.values()):.2g} of the largest {missed} lies beyond {', '.join(found)} and is "
+                f"{key}: {max(shares.values()):.2g} of the largest {missed} lies beyond {', '.join(shares)} and is "
                 "missed; below the target"
             )
         if peak == 0 and self.targets:
@@ -173,11 +173,11 @@ class Exterior:
         axes = [first + lattice.spacing * np.arange(0, n, stride) for first, n in zip(lower, count, strict=True)]
         coordinates = np.meshgrid(*axes, indexing="ij")
         with np.errstate(all="ignore"):
-            found = np.nan_to_num(
+            sizes = np.nan_to_num(
                 np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape), nan=0.0
             )
-        top = np.unravel_index(int(np.argmax(found)), found.shape)
-        return float(found[top]), shown([float(c[top]) for c in coordinates])
+        top = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+        return float(sizes[top]), shown([float(c[top]) for c in coordinates])
 
     def check_moving(self, source: Function, times: np.ndarray, peak: float, key: str = "source") -> float:
         """Check a source s(x, ..., t) at some times as `check_function` does; returns its largest magnitude in the near
@@ -195,14 +195,14 @@ class Exterior:
 
     def check_cracks(self, cuts: Iterable[Cut], reach: Sequence[int]) -> None:
         """Refuse cracks that lie so far beyond the near field that they cut no bond of its nodes; raises InputError."""
-        whole, slack = self.lattice.whole, self.lattice.spacing * np.array(reach)
+        whole_lattice, slack = self.lattice.whole, self.lattice.spacing * np.array(reach)
         for cut in cuts:
             low, high = cut.bounds()
-            if np.any(low > whole.upper + slack) or np.any(high < whole.lower - slack):
+            if np.any(low > whole_lattice.upper + slack) or np.any(high < whole_lattice.lower - slack):
                 raise InputError(
                     "the crack lies beyond the near field and cuts none of its bonds",
                     value=[b.tolist() for b in (low, high)],
-                    limit=_extent(whole),
+                    limit=_extent(whole_lattice),
                     key="crack",
                     remedy="move it inside or enlarge the near field",
                 )

@@ -335,10 +335,10 @@ class Incidence:
         box = [axis[(axis >= first) & (axis <= last)] for axis, first, last in ends]  # as far as it is in this part
         nodes = np.stack(np.meshgrid(*box, indexing="ij"), axis=-1).reshape(-1, len(box))
         where, wave = self._own(nodes)[1], self.passage.at(nodes)
-        found = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
-        found[0][:, where] = wave(0.0)
-        found[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
-        return self._shaped(found[0]), self._shaped(found[1])
+        data = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
+        data[0][:, where] = wave(0.0)
+        data[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
+        return self._shaped(data[0]), self._shaped(data[1])
 
     def field(self, t: float) -> np.ndarray:
         """The incident wave on the whole lattice, of the field's shape; nan where it is not known."""
@@ -369,14 +369,14 @@ def check_scatterers(
     one.
     """
     assert wave.within is not None
-    whole, close = lattice.whole, _CLOSE * lattice.spacing
+    whole_lattice, close = lattice.whole, _CLOSE * lattice.spacing
     lower, upper = (np.array(b, float) for b in wave.within.bounds())
     more = 2 * lattice.spacing * np.array(reach)
-    open_sides = standing_on(wave.within, whole, free)
+    open_sides = standing_on(wave.within, whole_lattice, free)
     lower, upper = lower + more, upper - more
     for axis, side in open_sides:
         (lower if side < 0 else upper)[axis] = side * np.inf
-    limit = f"{shown(np.maximum(lower, whole.lower))} to {shown(np.minimum(upper, whole.upper))}"
+    limit = f"{shown(np.maximum(lower, whole_lattice.lower))} to {shown(np.minimum(upper, whole_lattice.upper))}"
     lower, upper = lower - close, upper + close
     for cut in cuts:
         low, high = (np.asarray(b, float) for b in cut.bounds())
@@ -392,12 +392,12 @@ def check_scatterers(
     for axis, places in enumerate(lattice.axes):
         within = (places >= lower[axis]) & (places <= upper[axis])
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
-    first = next(one for every in gather(material[~inner][:1].tolist()) for one in every)
-    other = lattice.lower + lattice.spacing * np.argwhere(~inner & ~(material == first))
-    leaving = ((other < whole.lower + close) | (other > whole.upper - close)).any(1)
-    mine = [(bool(leaving[at]), other[at].tolist()) for at in ([int(leaving.argmax())] if len(other) else [])]
-    if found := [one for every in gather(mine) for one in every]:
-        leaves, place = max(found, key=lambda one: one[0])
+    first = next(value for values in gather(material[~inner][:1].tolist()) for value in values)
+    unlike = lattice.lower + lattice.spacing * np.argwhere(~inner & ~(material == first))
+    leaving = ((unlike < whole_lattice.lower + close) | (unlike > whole_lattice.upper - close)).any(1)
+    mine = [(bool(leaving[at]), unlike[at].tolist()) for at in ([int(leaving.argmax())] if len(unlike) else [])]
+    if unlike_of_all := [entry for entries in gather(mine) for entry in entries]:
+        leaves, place = max(unlike_of_all, key=lambda entry: entry[0])
         raise InputError(
             "the medium is not uniform near the faces of an incident wave's box, or beyond",
             value=f"another one at {shown(place)}",

@@ -178,16 +178,16 @@ def force_density(
     at = lattice.coordinates()
     place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
     loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
-    others = [a for a in range(lattice.dim) if a != axis]
+    across = [a for a in range(lattice.dim) if a != axis]
     slack = 1e-9 * lattice.spacing
-    if load.between is not None and np.shape(load.between) != (len(others), 2):
+    if load.between is not None and np.shape(load.between) != (len(across), 2):
         raise InputError(
             "a part of a side is given by two ends along each other axis",
             value=load.between,
-            limit=f"{len(others)} pairs",
+            limit=f"{len(across)} pairs",
             key=f"{key}.between",
         )
-    for a, (low, high) in zip(others, load.between or (), strict=load.between is not None):
+    for a, (low, high) in zip(across, load.between or (), strict=load.between is not None):
         first, last = lattice.whole.lower[a], lattice.whole.upper[a]
         if not first - slack <= low <= high <= last + slack:
             raise InputError(

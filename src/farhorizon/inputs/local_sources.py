@@ -97,8 +97,8 @@ def set_source_fields(source: Any, **values: Any) -> None:
 
 def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
     """Coordinates of one point."""
-    found = np.atleast_1d(kinds.array(at, key))
-    if found.ndim != 1 or not 1 <= found.size <= 3:
+    coordinates = np.atleast_1d(kinds.array(at, key))
+    if coordinates.ndim != 1 or not 1 <= coordinates.size <= 3:
         raise InputError(
             "a point has one coordinate per axis",
             value=kinds.said(at),
@@ -106,13 +106,13 @@ def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
             key=key,
             remedy="(x, y) in two dimensions",
         )
-    return tuple(found.tolist())
+    return tuple(coordinates.tolist())
 
 
 def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
     """A number, or one component per axis."""
-    found = kinds.array(value, key)
-    if found.ndim > 1 or found.size > 3:
+    components = kinds.array(value, key)
+    if components.ndim > 1 or components.size > 3:
         raise InputError(
             "must be a number, or for an elastic medium one component per axis",
             value=kinds.said(value),
@@ -120,8 +120,8 @@ def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
             key=key,
             remedy="a number in a scalar field, (fx, fy) in an elastic plane",
         )
-    kinds.check_magnitude(found, key)
-    return tuple(found.tolist()) if found.ndim else float(found)
+    kinds.check_magnitude(components, key)
+    return tuple(components.tolist()) if components.ndim else float(components)
 
 
 def directed(density: np.ndarray, amount: float | tuple[float, ...], components: int, key: str) -> np.ndarray:
@@ -339,16 +339,16 @@ class MomentTensor(LocalSource):
         """
         if self.strike is not None and dim == 3:
             return self.moment * _double_couple(*(np.radians(getattr(self, name)) for name in _ANGLES))
-        found = np.asarray(self.moment) * np.eye(dim) if np.ndim(self.moment) == 0 else np.asarray(self.moment)
-        if self.strike is not None or found.shape != (dim, dim):
+        tensor = np.asarray(self.moment) * np.eye(dim) if np.ndim(self.moment) == 0 else np.asarray(self.moment)
+        if self.strike is not None or tensor.shape != (dim, dim):
             raise InputError(
                 "the moment tensor is one of another number of dimensions",
-                value="strike, dip and rake" if self.strike is not None else f"shape {found.shape}",
+                value="strike, dip and rake" if self.strike is not None else f"shape {tensor.shape}",
                 limit=f"shape ({dim}, {dim})",
                 key="source.moment",
                 remedy="a tensor of the lattice's axes",
             )
-        return found
+        return tensor
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""
@@ -378,8 +378,8 @@ def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:
     up = np.array([0.0, 0.0, 1.0])
     normal = np.sin(dip) * across + np.cos(dip) * up
     slip = np.cos(rake) * along + np.sin(rake) * (np.sin(dip) * up - np.cos(dip) * across)
-    found = np.outer(slip, normal) + np.outer(normal, slip)
-    return np.where(np.abs(found) > _ROUNDING, found, 0.0)  # rounding, as in cos(90 degrees), makes no force
+    couple = np.outer(slip, normal) + np.outer(normal, slip)
+    return np.where(np.abs(couple) > _ROUNDING, couple, 0.0)  # rounding, as in cos(90 degrees), makes no force
 
 
 @dataclass(frozen=True)

@@ -111,17 +111,17 @@ class Prescribed(Storable):
 
     def at(self, t: float) -> Any:
         """The value, or the velocity, at a time; for a list, each entry. Raises InputError if one is not finite."""
-        found = [None if one is None else _at(one, t) for one in self.time_history]
-        return found if isinstance(self.velocity if self.value is None else self.value, list) else found[0]
+        values = [None if time_history is None else _at(time_history, t) for time_history in self.time_history]
+        return values if isinstance(self.velocity if self.value is None else self.value, list) else values[0]
 
     def nodes(self, lattice: Lattice) -> np.ndarray:
         """Flat indices of the nodes in the lattice, or in a part of one; raises InputError if there is none in the
         whole lattice, or if a point lies outside.
         """
-        found = lattice.inside(self.where) if isinstance(self.where, Shape) else self._listed(lattice)
-        if lattice.whole is lattice and not found.size:
+        nodes = lattice.inside(self.where) if isinstance(self.where, Shape) else self._listed(lattice)
+        if lattice.whole is lattice and not nodes.size:
             raise InputError("a constraint holds no node", key="constraint.where", remedy="move it into the near field")
-        return found
+        return nodes
 
     def _listed(self, lattice: Lattice) -> np.ndarray:
         """Flat indices of the nodes given by a mask or by points."""
@@ -136,8 +136,8 @@ class Prescribed(Storable):
             nodes = np.array([lattice.whole.index(point, "constraint.where") for point in points], int).reshape(
                 -1, lattice.dim
             )
-            found = np.unique(lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1])
-            return found if lattice.mask is None else found[lattice.mask.flat[found]]
+            own_nodes = np.unique(lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1])
+            return own_nodes if lattice.mask is None else own_nodes[lattice.mask.flat[own_nodes]]
         if given.shape != lattice.whole.shape:
             raise InputError(
                 "a mask must have the lattice's shape",
@@ -180,10 +180,10 @@ def _by_component(given: Any, key: str) -> Any:
     """Return a function of t, or a list of such functions and of None."""
     if not isinstance(given, list | tuple):
         return _of_time(given, key)
-    found = [_of_time(one, f"{key}[{i}]") for i, one in enumerate(given)]
-    if all(one is None for one in found):
+    time_histories = [_of_time(component, f"{key}[{i}]") for i, component in enumerate(given)]
+    if all(component is None for component in time_histories):
         raise InputError("a constraint prescribes no component", value=list(given), key=key, remedy="leave it out")
-    return found
+    return time_histories
 
 
 def _of_time(given: Any, key: str) -> Any:
@@ -197,10 +197,10 @@ def _of_time(given: Any, key: str) -> Any:
 
 def _at(time_history: Callable[[float], Any], t: float) -> float:
     """Value of a function of t at a time; raises InputError if it is not finite."""
-    found = float(kinds.array(time_history(t), "constraint.value", shape=(), finite=False))
-    if not np.isfinite(found):
-        raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
-    return found
+    value = float(kinds.array(time_history(t), "constraint.value", shape=(), finite=False))
+    if not np.isfinite(value):
+        raise InputError("a prescribed value is not finite", value=f"{value} at t = {t:g}", key="constraint.value")
+    return value
 
 
 @dataclass
@@ -261,9 +261,9 @@ class PrescribedNodes:
         self.nodes = [c.nodes(lattice) for c in constraints]
         size = int(np.prod(lattice.shape))
         self._held = [
-            _Course(one, number, nodes + number * size, one.last_step(dt), np.zeros(len(nodes)), [0.0])
-            for one, nodes in zip(constraints, self.nodes, strict=True)
-            for number, time_history in enumerate(one.time_history)
+            _Course(constraint, number, nodes + number * size, constraint.last_step(dt), np.zeros(len(nodes)), [0.0])
+            for constraint, nodes in zip(constraints, self.nodes, strict=True)
+            for number, time_history in enumerate(constraint.time_history)
             if time_history is not None
         ]
         everywhere = np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._held)])
@@ -328,9 +328,9 @@ class PrescribedNodes:
         ]
         return np.concatenate([np.zeros((count, 0)), *values], axis=1) - self.background
 
-    def allow(self, step: int, wanted: int) -> int:
+    def allow(self, step: int, most: int) -> int:
         """How many of the `wanted` steps may be run before any nodes are released."""
-        return int(min([wanted, *(held.last - step for held in self._active(step))]))
+        return int(min([most, *(held.last - step for held in self._active(step))]))
 
     def released(self, step: int) -> list[tuple[np.ndarray, float]]:
         """Places in the field that are released at a step, and their velocities."""

@@ -111,12 +111,12 @@ class Pressure(Load):
         """Force per area as a tensor; raises InputError if its dimension differs from that of the lattice."""
         if isinstance(self.value, float):
             return float(self.value) * np.eye(dim)
-        found = np.array(self.value, float)
-        if len(found) != dim:
+        tensor = np.array(self.value, float)
+        if len(tensor) != dim:
             raise InputError(
-                "the tensor of a pressure has a row for each axis", value=len(found), limit=dim, key=f"{key}.value"
+                "the tensor of a pressure has a row for each axis", value=len(tensor), limit=dim, key=f"{key}.value"
             )
-        return found
+        return tensor
 
 
 def pressing_force(
@@ -151,17 +151,17 @@ def pressing_force(
         faces = _around(load.on, lattice.whole, offsets, rim, periodic, key)
     else:
         faces = _across(as_crack(load.on, dim).cut, lattice.whole, offsets, cracks, key)
-    found, met = np.zeros((dim, *lattice.shape)), False
+    force, met = np.zeros((dim, *lattice.shape)), False
     for nodes, pull in zip(faces, pulls, strict=True):
-        own = nodes - np.array(lattice.first)
-        own = own[((own >= 0) & (own < lattice.shape)).all(1)]
-        found[:, *own.T] -= pull[:, None]
+        own_nodes = nodes - np.array(lattice.first)
+        own_nodes = own_nodes[((own_nodes >= 0) & (own_nodes < lattice.shape)).all(1)]
+        force[:, *own_nodes.T] -= pull[:, None]
         met |= bool(len(nodes) and pull.any())
     if not met and load.tensor(dim, key).any():
         raise InputError(
             "the pressure meets no face", value=repr(load.on), key=f"{key}.on", remedy="a larger or another region"
         )
-    return found
+    return force
 
 
 def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.ndarray) -> np.ndarray:
@@ -180,8 +180,8 @@ def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.
     forces = np.einsum("kacd,ncd->nka", of_strains, strains)
     stresses = np.einsum("nka,kb->nab", forces, offsets) / 2
     stresses = (stresses + stresses.swapaxes(1, 2)) / 2
-    table, wanted = (np.stack([one[..., a, b] for a, b in pairs]) for one in (stresses, stress))
-    return np.asarray(np.einsum("n,nka->ka", np.linalg.solve(table, wanted), forces))
+    table, asked = (np.stack([tensor[..., a, b] for a, b in pairs]) for tensor in (stresses, stress))
+    return np.asarray(np.einsum("n,nka->ka", np.linalg.solve(table, asked), forces))
 
 
 def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarray:
@@ -189,8 +189,8 @@ def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarr
     if states is None:
         assert stencil is not None
         return np.einsum("kab,kc->kabc", stencil.weights, stencil.offsets)
-    whole = np.eye(states.offsets.shape[1])[None]
-    law = states.law(whole, np.array([states.moduli]))[0]
+    shape_tensor = np.eye(states.offsets.shape[1])[None]
+    law = states.law(shape_tensor, np.array([states.moduli]))[0]
     state = np.einsum("knb,kc->nbc", states.gradient, states.offsets)
     bonds = np.einsum("kab,kc->kabc", states.bonds, states.offsets)
     return np.asarray(bonds + 2 * np.einsum("kan,nm,mbc->kabc", states.divergence, law, state))
@@ -200,16 +200,16 @@ def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Cr
     """Yield, for each offset, the nodes whose bond the crack cuts; raises InputError if no crack of the set-up cuts
     such a bond.
     """
-    whole = [crack.cut for crack in cracks if crack.factor == 0]
+    severing = [crack.cut for crack in cracks if crack.factor == 0]
     for offset in offsets:
         nodes, _ = cut_bonds(cut, lattice.lower, lattice.spacing, lattice.shape, offset[None])
         nodes = nodes[((nodes + offset >= 0) & (nodes + offset < lattice.shape)).all(1)]
         if lattice.mask is not None:
             nodes = nodes[lattice.mask[tuple(nodes.T)] & lattice.mask[tuple((nodes + offset).T)]]
-        ends = [lattice.lower + lattice.spacing * one for one in (nodes, nodes + offset)]
+        ends = [lattice.lower + lattice.spacing * indices for indices in (nodes, nodes + offset)]
         severed = np.zeros(len(nodes), bool)
-        for one in whole:
-            severed |= one.cuts(*ends)
+        for severing_cut in severing:
+            severed |= severing_cut.cuts(*ends)
         if not severed.all():
             raise InputError(
                 "a pressure acts on the faces of a crack",
@@ -237,11 +237,11 @@ def _around(
             remedy='a shape that the lattice\'s body leaves out, with rim = "free"',
         )
     for offset in offsets:
-        across, there = inside, np.ones(lattice.shape, bool)
+        across, has_neighbour = inside, np.ones(lattice.shape, bool)
         for axis, (step, n) in enumerate(zip(offset.tolist(), lattice.shape, strict=True)):
             across = np.roll(across, -step, axis)
             if step and not periodic[axis]:
                 beyond = np.arange(n) + step
                 shape = [-1 if a == axis else 1 for a in range(lattice.dim)]
-                there = there & ((beyond >= 0) & (beyond < n)).reshape(shape)
-        yield np.argwhere(body & across & there)
+                has_neighbour = has_neighbour & ((beyond >= 0) & (beyond < n)).reshape(shape)
+        yield np.argwhere(body & across & has_neighbour)

@@ -57,18 +57,18 @@ class Specimen(Storable):
         unless the lattice is a part of another one, or if shape and lattice are incompatible.
         """
         if isinstance(self.where, Shape):
-            found = nodes_in(self.where, lattice, f"{key}.where")
+            nodes = nodes_in(self.where, lattice, f"{key}.where")
         else:
-            found = np.asarray(self.where)
-            if found.shape != lattice.shape:
+            nodes = np.asarray(self.where)
+            if nodes.shape != lattice.shape:
                 raise InputError(
-                    "a mask must have the lattice's shape", value=found.shape, limit=lattice.shape, key=f"{key}.where"
+                    "a mask must have the lattice's shape", value=nodes.shape, limit=lattice.shape, key=f"{key}.where"
                 )
         if lattice.existing is not None:
-            found = found & lattice.existing
+            nodes = nodes & lattice.existing
         if lattice.whole is lattice:
-            check_held(bool(found.any()), key)
-        return found
+            check_held(bool(nodes.any()), key)
+        return nodes
 
 
 def check_held(any_node: bool, key: str) -> None:

@@ -116,8 +116,8 @@ class Parts:
         its part, whose axes come last.
         """
         part = self.near.lattice
-        inside, own = part.own(nodes.ravel())
-        values_here = values.reshape(*values.shape[: values.ndim - part.dim], -1)[..., own]
+        inside, own_nodes = part.own(nodes.ravel())
+        values_here = values.reshape(*values.shape[: values.ndim - part.dim], -1)[..., own_nodes]
         completed = self.whole.team.completed(values_here, np.flatnonzero(inside), nodes.size, values_here.ndim - 1)
         return completed.reshape(*completed.shape[:-1], *nodes.shape)
 
@@ -140,15 +140,15 @@ class Survey:
 
 
 def survey(
-    whole: Setup, stiffer: float = 1.0, team: ProcessGroup = ALONE, subdomain: Subdomain | None = None
+    given_setup: Setup, stiffer: float = 1.0, team: ProcessGroup = ALONE, subdomain: Subdomain | None = None
 ) -> Survey:
     """Determine the medium, the sides and the sources of a set-up; see `assembled`."""
-    setup, variation, of_whole = whole, Variation(), None
+    setup, variation, of_whole = given_setup, Variation(), None
     if subdomain is not None:
-        setup, of_whole = subdomain.reference_medium.uniform(whole), subdomain.whole
-        variation = subdomain.reference_medium.variation_of(whole)
-    elif whole.model.varying or whole.lattice.existing is not None:
-        setup, variation = varied(whole)
+        setup, of_whole = subdomain.reference_medium.uniform(given_setup), subdomain.whole
+        variation = subdomain.reference_medium.variation_of(given_setup)
+    elif given_setup.model.varying or given_setup.lattice.existing is not None:
+        setup, variation = varied(given_setup)
     lattice, model = setup.lattice, setup.model
     autos = {key: side for key, side in setup.sides.items() if side.undecided}
     sides = setup.sides | {key: side.as_layer(None, model.target) for key, side in autos.items()}
@@ -165,7 +165,7 @@ def survey(
     if variation.stiffness is not None or variation.density is not None:
         check_variation(sides, variation, stencil)
     if any(side.derivatives for side in sides.values()):
-        check_entrances(whole, sides, stencil)
+        check_entrances(given_setup, sides, stencil)
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     waves, sources = [], []
     if setup.sources or setup.loads or setup.constraints:
@@ -213,7 +213,7 @@ def _stiffened(setup: Setup, team: ProcessGroup, built: Callable[[float], T], pa
 
 
 def assembled(
-    whole: Setup,
+    given_setup: Setup,
     stiffer: float = 1.0,
     team: ProcessGroup = ALONE,
     subdomain: Subdomain | None = None,
@@ -222,10 +222,10 @@ def assembled(
     """Return the parts of a run; cheap checks of the set-up come before expensive ones, and what the run does not use
     is not entered.
 
-    `stiffer` is the `stiffening` of a trial. On several processes `whole` is the set-up of the subdomain. Margins that
-    are given, in nodes of the core beyond some sides of the near field, replace those that are chosen.
+    `stiffer` is the `stiffening` of a trial. On several processes the given set-up is that of the subdomain. Margins
+    that are given, in nodes of the core beyond some sides of the near field, replace those that are chosen.
     """
-    surveyed = survey(whole, stiffer, team, subdomain)
+    surveyed = survey(given_setup, stiffer, team, subdomain)
     setup, near, sides = surveyed.setup, surveyed.near, surveyed.layered.sides
     exterior = _look_beyond(surveyed, team)
     start = start_of(setup, near, sides, exterior)
@@ -416,5 +416,5 @@ def shared(
     bare = replace(uniform, initial={}, loads=(), coefficient=None, constraints=prescribed)
     extremes = extremes_of(setup, reference_medium, stencil, team, stiffer)
     layered = by_target(uniform, setup.sides, stencil, extremes.contrast.sides)
-    near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
+    near = near_field(bare, setup.sides, stencil, Variation(), extremes=extremes)
     return subdomain_of(setup, reference_medium, layered, near, team, topology), Whole(near, setup.sides, team)

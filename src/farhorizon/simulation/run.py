@@ -101,8 +101,10 @@ class Run(ABC):
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
         """Initialize a run that computes `nodes` nodes, before its first step."""
         given = kinds.sequence(observe, "observe", "functions of the run, and recorders")
-        self.recorders = [one for one in given if isinstance(one, Recorder)]
-        self.observers = [kinds.function(one, "observe", "run") for one in given if not isinstance(one, Recorder)]
+        self.recorders = [observer for observer in given if isinstance(observer, Recorder)]
+        self.observers = [
+            kinds.function(observer, "observe", "run") for observer in given if not isinstance(observer, Recorder)
+        ]
         self.stop_requested = False
         self.cautions: list[Caution] = []
         self.time, self.step_count, self.next_look, self.peak, self.rest = 0.0, 0, 0, 0.0, None
@@ -243,8 +245,8 @@ class Run(ABC):
             self.lattice.whole, points, 1 if every is None else steps_between(every, self.dt, "probes.every")
         )
         self._set_probes(probes.nodes)
-        field, (inside, own) = self.fields["u"], self.lattice.own(probes.nodes)
-        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own].T
+        field, (inside, own_nodes) = self.fields["u"], self.lattice.own(probes.nodes)
+        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own_nodes].T
         probes.add(self.step_count, self.dt, self.team.completed(now, np.flatnonzero(inside), len(inside), 0)[None])
         self.probes = probes
         return probes
@@ -277,8 +279,8 @@ class Run(ABC):
         """
         from farhorizon.simulation.recorders.far_field import FarField
 
-        found = {one.name: one for one in self.recorders if isinstance(one, FarField)}
-        if not found:
+        far_fields = {recorder.name: recorder for recorder in self.recorders if isinstance(recorder, FarField)}
+        if not far_fields:
             raise InputError(
                 "the run records no far field",
                 value=f"{len(self.recorders)} recorders",
@@ -286,11 +288,13 @@ class Run(ABC):
                 key="far_field",
                 remedy="observe=[FarField()], or [far_field] in the case file",
             )
-        if name is None and len(found) > 1:
+        if name is None and len(far_fields) > 1:
             raise InputError(
-                "the run records several far fields", value=list(found), limit="1", key="name", remedy="name one"
+                "the run records several far fields", value=list(far_fields), limit="1", key="name", remedy="name one"
             )
-        return found[next(iter(found)) if name is None else kinds.one_of(name, "name", found, "no such far field")]
+        return far_fields[
+            next(iter(far_fields)) if name is None else kinds.one_of(name, "name", far_fields, "no such far field")
+        ]
 
     @abstractmethod
     def _set_probes(self, nodes: np.ndarray) -> None:

@@ -214,10 +214,10 @@ class Simulation(Run):
         self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.source_terms.sources
         self.coefficients, self.incident, self.extents = layered.coefficients, parts.incident, layered.extents
-        every = team.gather(
+        margins = team.gather(
             layered.beyond(near.stencil, near.lattice.spacing)
         )  # 0 beyond sides shared with a neighbour
-        self.beyond = {key: max(one[key] for one in every) for key in layered.sides}
+        self.beyond = {key: max(margins_there[key] for margins_there in margins) for key in layered.sides}
         sides = {side_name(*key): side for key, side in layered.sides.items()}
         if layered.extents:
             sides = resolved_sides(layered)
@@ -295,15 +295,15 @@ class Simulation(Run):
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
         seen: list[Observer] = [*self.observers, *self.recorders]
         changed = replace(settled, boundary=named, dt=self.dt)  # the step for which layers are chosen
-        other = self.of(changed, seen, self.team, self.topology)
-        alike = np.array_equal(other.start_u, self.start_u) and np.array_equal(other.start_v, self.start_v)
+        retaken = self.of(changed, seen, self.team, self.topology)
+        alike = np.array_equal(retaken.start_u, self.start_u) and np.array_equal(retaken.start_v, self.start_v)
         if not (alike or self.team):
             # a function that is random, for example: its first values count
             first = {"u": self.start_u + self.background, "v": self.start_v}
             known = {name: value for name, value in first.items() if name in (settled.initial or {})}
-            other = self.of(replace(changed, initial=known), seen, self.team, self.topology)
+            retaken = self.of(replace(changed, initial=known), seen, self.team, self.topology)
         kept = ("setup", "stop_requested", "probes", "_side_selection")
-        self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
+        self.__dict__ = retaken.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
             self._set_probes(self.probes.nodes)
 
@@ -441,8 +441,8 @@ class Simulation(Run):
         """
         self.team.alone("fluxes at nodes")
         tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
-        found = nodal_flux(*tables, self.lattice.spacing)
-        return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
+        flux = nodal_flux(*tables, self.lattice.spacing)
+        return flux if self.lattice.mask is None else np.where(self.lattice.mask, flux, np.nan)
 
     def power_across(self, axis: str, position: float) -> float:
         """Power across a plane, towards larger coordinates: the sum over the bonds of the near field that cross it.

@@ -51,11 +51,11 @@ class Grid:
     def clear_walls(self, values: np.ndarray) -> None:
         """Set values at places of a level to zero at the `walls`, and where the halo repeats them."""
         layout = self.engine.layout
-        every = layout.box.all(values)
+        values_with_halo = layout.box.all(values)
         for axis, side in self.walled:
             margin = self.margins[axis, side] + layout.reach[self.lead + axis]
             last = slice(None, margin) if side < 0 else slice(-margin, None)
-            every[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = 0
+            values_with_halo[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = 0
 
     @property
     def lead(self) -> int:
@@ -160,8 +160,8 @@ def choose_margins(
             close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
             margins[axis, side] = 1 + m if busy or any(close) else least
     outer = {key: margins[key] for key, boundary in layered.sides.items() if boundary.uniform}
-    every = team.gather(outer)
-    return margins | {key: max(one.get(key, 0) for one in every) for key in outer}
+    margins_of_all = team.gather(outer)
+    return margins | {key: max(margins_there.get(key, 0) for margins_there in margins_of_all) for key in outer}
 
 
 def make_grid(
@@ -194,7 +194,7 @@ def make_grid(
         grown = _over_core(near.variation.of_bonds, margins)
     moduli = None
     if near.variation.moduli is not None:
-        moduli = np.stack([_over_core(one, margins) for one in near.variation.moduli])
+        moduli = np.stack([_over_core(modulus, margins) for modulus in near.variation.moduli])
     engine = Engine(
         (x, y, z),
         offsets,

@@ -200,23 +200,23 @@ class NearField:
         differs.
         """
         lattice = self.lattice
-        found = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
+        stiffness = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
         if self.density is not None:
-            found[self.density != 1] = np.nan
+            stiffness[self.density != 1] = np.nan
         if self.variation.lame is not None:
-            uniform = np.multiply.outer(self.model.moduli or (0.0, 0.0), found)
+            uniform = np.multiply.outer(self.model.moduli or (0.0, 0.0), stiffness)
             alike = np.abs(self.variation.lame - uniform) <= _ALIKE * np.abs(self.variation.lame).max()
-            found[~alike.all(0)] = np.nan
+            stiffness[~alike.all(0)] = np.nan
         if lattice.existing is not None:
-            found[~lattice.existing] = np.nan
-        return found
+            stiffness[~lattice.existing] = np.nan
+        return stiffness
 
     @property
     def busy(self) -> np.ndarray:
         """Nodes whose values are prescribed or held by a condition, as a mask of the lattice's shape."""
-        found = np.zeros(self.lattice.shape, bool)
-        found.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
-        return found
+        busy = np.zeros(self.lattice.shape, bool)
+        busy.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
+        return busy
 
     @property
     def conditioned(self) -> np.ndarray:
@@ -225,8 +225,8 @@ class NearField:
 
     def inside(self, values: np.ndarray) -> np.ndarray:
         """Return the values, zero outside a body, and beyond the outline of a window if a condition closes it."""
-        for there in (self.closed, self.lattice.existing):
-            values = values if there is None else np.where(there, values, 0.0)
+        for mask in (self.closed, self.lattice.existing):
+            values = values if mask is None else np.where(mask, values, 0.0)
         return values
 
     def visible(self, values: np.ndarray) -> np.ndarray:
@@ -252,21 +252,21 @@ def near_field(
     coefficient: np.ndarray | None = None,
     stiffer: float = 1.0,
     team: ProcessGroup = ALONE,
-    whole: Extremes | None = None,
+    extremes: Extremes | None = None,
 ) -> NearField:
     """Return the near field of a set-up. `stiffer` is the largest squared frequency over that of the medium with all
-    its bonds; `whole` has what depends on all parts, if this is one of several. Raises InputError for conditions that
+    its bonds; `extremes` is what depends on all parts, if this is one of several. Raises InputError for conditions that
     cannot hold, and a time step above the stable limit.
     """
     lattice, model = setup.lattice, setup.model
     conditions = _resolve(setup, stencil, variation.stiffness, team) if setup.constraints else Conditions()
-    if whole is None:
+    if extremes is None:
         contrast = _contrast(setup, sides, stencil, variation)
         leak = 0.0
         if conditions.leaks:
             leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
-        whole = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
-    rate = whole.rate_limit
+        extremes = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
+    rate = extremes.rate_limit
     coupling = None if setup.heat is None else _coupling(setup, stencil, variation)
     if coupling is None:
         chosen = model.integrator.outruns and (setup.dt is None or callable(setup.dt))
@@ -287,7 +287,7 @@ def near_field(
         rate,
         dt,
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
-        whole.contrast,
+        extremes.contrast,
         coupling,
     )
 

@@ -42,10 +42,10 @@ class IntactMargin:
 
     def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
         """Return a warning if a bond exceeds its limit; otherwise None."""
-        found = self.overstretched(level)
-        if found is None:
+        node = self.overstretched(level)
+        if node is None:
             return None
-        place = (lattice.lower + lattice.spacing * found).round(9).tolist()
+        place = (lattice.lower + lattice.spacing * node).round(9).tolist()
         return (
             f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
             f"reach of a side that is not free{' or outside the box of an incident wave' if self.boxed else ''}: a "
@@ -79,11 +79,11 @@ def intact_margin(
     corners = np.argwhere(outside)
     bits = present[:, outside]
     for k, offset in enumerate(offsets):
-        other = corners + offset
-        leaves = ((other < 0) | (other >= shape)).any(1)
-        there = tuple(np.where(leaves[:, None], corners, other).T)
+        neighbours = corners + offset
+        leaves = ((neighbours < 0) | (neighbours >= shape)).any(1)
+        neighbours_inside = tuple(np.where(leaves[:, None], corners, neighbours).T)
         for inside in within:
-            leaves |= inside[outside] != inside[there]
+            leaves |= inside[outside] != inside[neighbours_inside]
         bits[k >> 6, leaves] &= ~(np.uint64(1) << np.uint64(k & 63))
     held = bits.any(0)
     if not held.any() or not np.isfinite(limit):
@@ -109,7 +109,7 @@ def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray
     if not every or run.step_count < run.next_look:
         return
     run.next_look = (run.step_count // every + 1) * every
-    found = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
-    warning = next((one for one in found if one is not None), None)
+    warnings_of_all = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
+    warning = next((text for text in warnings_of_all if text is not None), None)
     if warning is not None:
         warn_once(run, "crack where bonds cannot break", warning)

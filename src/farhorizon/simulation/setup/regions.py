@@ -32,25 +32,25 @@ def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
     one or one that grows with depth, defines no regions.
     """
     shape, hidden, team = run.lattice.shape, run.parts.near.hidden, run.team
-    there = np.ones(shape, bool) if hidden is None else ~hidden
-    numbers, names = np.zeros(there.sum(), np.int64), [""]
+    exists = np.ones(shape, bool) if hidden is None else ~hidden
+    numbers, names = np.zeros(exists.sum(), np.int64), [""]
     if named is not None:
-        known, numbers = _numbered(named.numbers[run.lattice.within][there], team)
+        known, numbers = _numbered(named.numbers[run.lattice.within][exists], team)
         names = [named.names[k] for k in known]
     for what, values in uneven(run).items():
-        known, which = _numbered(np.broadcast_to(values, shape)[there], team, _MOST + 1)
+        known, which = _numbered(np.broadcast_to(values, shape)[exists], team, _MOST + 1)
         if len(known) > _MOST:
             continue
         words = [_said(what, value) for value in known]
         pairs, numbers = _numbered(numbers * len(known) + which, team)
         names = [", ".join(filter(None, (names[k // len(known)], words[k % len(known)]))) for k in pairs]
     counts = team.summed(np.bincount(numbers, minlength=len(names)))
-    alike = len(names) == 1 and not team.any(not there.all())
+    alike = len(names) == 1 and not team.any(not exists.all())
     order = np.argsort(-counts, kind="stable")
-    own = np.full(shape, OUTSIDE, np.int32)
-    own[there] = np.argsort(order)[numbers]
-    whole = None if alike else team.joined(run.lattice, own)
-    return None if whole is None else Regions(whole, tuple(names[k] or "medium" for k in order))
+    numbers_here = np.full(shape, OUTSIDE, np.int32)
+    numbers_here[exists] = np.argsort(order)[numbers]
+    numbers_of_all = None if alike else team.joined(run.lattice, numbers_here)
+    return None if numbers_of_all is None else Regions(numbers_of_all, tuple(names[k] or "medium" for k in order))
 
 
 def _numbered(values: np.ndarray, team: ProcessGroup, most: int | None = None) -> tuple[np.ndarray, np.ndarray]:

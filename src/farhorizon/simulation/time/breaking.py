@@ -137,8 +137,8 @@ class Breaking:
         """
         stretches = self.critical_stretches
         limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
-        every = self.team.gather((float(limits.min()), float(limits.max())))
-        least, most = min(low for low, _ in every), max(high for _, high in every)
+        limits_of_all = self.team.gather((float(limits.min()), float(limits.max())))
+        least, most = min(low for low, _ in limits_of_all), max(high for _, high in limits_of_all)
         return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
 
     def _everywhere(self, values: np.ndarray) -> np.ndarray:
@@ -156,8 +156,8 @@ class Breaking:
         if engine.passes is not None and self.near.factor is not None:
             hard = self.grid.grown(self.near.factor)
         ends = None if law.softening is None else self.grid.grown(self._everywhere(self.final_stretches))
-        own = law.contact, law.warm, law.softening, ends, hard
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *own)
+        options = law.contact, law.warm, law.softening, ends, hard
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *options)
         if law.warm:
             set_heat(engine, spacing)
         self.cuts.cut(())
@@ -195,11 +195,11 @@ class Breaking:
         first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]
         box = (1,) * lead + lattice.shape
         nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
-        whole = np.zeros((3, 2), bool)
+        in_full = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
-            whole[lead + axis, int(side > 0)] = boundary.held is not None
+            in_full[lead + axis, int(side > 0)] = boundary.held is not None
         return self.near.mass * self.grid.engine.bonds.energy(
-            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole, cold
+            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, in_full, cold
         )
 
     def margin(self) -> IntactMargin | None:
@@ -241,15 +241,15 @@ class Breaking:
 
     def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
         """Return the sides within one reach of which there are cracks whose faces would meet, but do not."""
-        near, found = self.near, set()
+        near, open_sides = self.near, set()
         for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
             if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
                 axis, sign = key
                 edge = (near.lattice.lower if sign < 0 else near.lattice.upper)[axis]
                 beyond = sign * ((low if sign < 0 else high)[axis] - edge) / near.lattice.spacing
                 if beyond > -near.stencil.reach[axis]:
-                    found.add(key)
-        return sorted(found)
+                    open_sides.add(key)
+        return sorted(open_sides)
 
     def check_start(self, force: np.ndarray) -> None:
         """Refuse initial data that would break bonds at once, and a load (`force`, of the field's shape) whose first

@@ -27,9 +27,9 @@ def _kinetic(near: NearField, rate: np.ndarray) -> float:
     return float(near.mass * 0.5 * squares.sum())
 
 
-def present(found: Mapping[str, float]) -> float:
+def present(by_name: Mapping[str, float]) -> float:
     """Return the sum of the energies, given by name, that are present now: kinetic and stored ones."""
-    return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
+    return sum(by_name.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
 
 
 def energies(
@@ -50,12 +50,12 @@ def energies(
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = near.mass
-    own = {"drag": mass * engine.dragged} if near.model.drag else {}
+    further = {"drag": mass * engine.dragged} if near.model.drag else {}
     if np.any(engine.reaction):
         now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
-        own["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
+        further["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
     if breaking is not None and engine.bonds.forces:
-        return own | {
+        return further | {
             "kinetic": kinetic_energy(near, grid),
             "strain": breaking.strain_energy(cold),
             "work": mass * engine.work,
@@ -71,12 +71,12 @@ def energies(
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
         strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))
-    found = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
+    of_waves = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
     if breaking is not None:
-        own["broken"] = float(mass * engine.bonds.broken[0])
+        further["broken"] = float(mass * engine.bonds.broken[0])
         if breaking.law.contact:
-            found["strain"] += breaking.strain_energy(cold)
-    return found | own | ({"work": mass * engine.work} if work else {})
+            of_waves["strain"] += breaking.strain_energy(cold)
+    return of_waves | further | ({"work": mass * engine.work} if work else {})
 
 
 def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool) -> np.ndarray:
@@ -94,12 +94,12 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     if at_rest or rim_held:  # the other half of the bonds to sides, and to the outside of a body, where u is zero
         inside = near.lattice.existing if rim_held else None
         core = np.ones(engine.core.nodes) if inside is None else grid.grown(inside.astype(float))
-        there = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
-        grid.clear_walls(there)
+        exists = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
+        grid.clear_walls(exists)
         for unit, now in zip(
             np.eye(engine.components), each, strict=True
         ):  # sum_b (L there)_ba u_a old_b: L is symmetric
-            strain -= (now * ago * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
+            strain -= (now * ago * apply(np.multiply.outer(unit, exists).ravel()).reshape(each.shape)).ravel()
     return strain
 
 

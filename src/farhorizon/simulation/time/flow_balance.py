@@ -64,15 +64,15 @@ class FlowBalance:
         )
         self._setup, self._team = setup, team
         outer = [side_name(*key) for key, side in sides.items() if not (side.periodic or side.shared)]
-        every = [name for one in team.gather(outer) for name in one]
-        self._outer = [side_name(*key) for key in sides if side_name(*key) in every]
+        outer_of_all = [name for names in team.gather(outer) for name in names]
+        self._outer = [side_name(*key) for key in sides if side_name(*key) in outer_of_all]
         self._owners = [f"source[{i}]" for i in range(sources)]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
         self._owners += [name for name, _ in more]
         self._conductions = {
             name: source_term for name, (_, source_term) in more if isinstance(source_term, Conduction)
         }
-        self._prescribing = [i for i, one in enumerate(setup.constraints) if isinstance(one, Prescribed)]
+        self._prescribing = [i for i, names in enumerate(setup.constraints) if isinstance(names, Prescribed)]
         self._holding = near.prescribed.holding(0)
         self._open()
         self.powers = np.zeros(len(source_table.source_terms))  # amount that each has supplied on this process
@@ -133,12 +133,19 @@ class FlowBalance:
         self.names, where, self._free = self._places()
         block = engine.core
         flat = block.node_indices()
-        found = []
+        flowing = []
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
-            other = flat + int(offset @ np.array(block.stride))
-            flows = (where[flat] == 0) & (where[other] != 0)
-            found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
-        accounts, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
+            neighbour_places = flat + int(offset @ np.array(block.stride))
+            flows = (where[flat] == 0) & (where[neighbour_places] != 0)
+            flowing.append(
+                (
+                    where[neighbour_places[flows]] - 1,
+                    flat[flows],
+                    neighbour_places[flows],
+                    np.full(int(flows.sum()), weight),
+                )
+            )
+        accounts, nodes, neighbours, weights = (np.concatenate([f[i] for f in flowing]) for i in range(4))
         weights = weights - engine.absent.lost(nodes, neighbours, weights)
         for number, leak in near.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)

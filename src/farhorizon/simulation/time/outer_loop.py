@@ -99,7 +99,9 @@ def run_to_step(
     """
     with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:
-            due = [(run.step_count // every + 1) * every for every in (count, check_every) if every is not None]
+            due = [
+                (run.step_count // interval + 1) * interval for interval in (count, check_every) if interval is not None
+            ]
             stop = min([last, *due])
             while run.step_count < stop:
                 before = run.step_count

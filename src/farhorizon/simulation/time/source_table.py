@@ -84,7 +84,7 @@ class SourceTable:
         weights = weights * near.model.source_factor
         general = any(space is None for space, _ in self.source_terms + held.source_terms)
         count = len(self.source_terms + held.source_terms)
-        every = np.arange(held.nodes.size)
+        all_held = np.arange(held.nodes.size)
         batch = 1 if general else max(1, min(steps, _TABLE // max(stages * count, 1)))
         end = step + steps
         while step < end:
@@ -95,7 +95,7 @@ class SourceTable:
                 busy = np.zeros(near.lattice.shape, bool)
                 busy.ravel()[places] = True
                 self.phases.refuse_wet(busy)
-            values = _rows(self._fields(held.source_terms, held.nodes.shape, step, prescribed_samples), every)
+            values = _rows(self._fields(held.source_terms, held.nodes.shape, step, prescribed_samples), all_held)
             times = self._amplitudes(held.source_terms, step, prescribed_samples, held_weights, n)
             engine.advance(
                 n,
@@ -136,10 +136,10 @@ class SourceTable:
         for values in fields:
             busy |= values != 0
         places = np.flatnonzero(busy)
-        found = places, _rows(fields, places)
+        strengths = places, _rows(fields, places)
         if all(space is not None for space, _ in self.source_terms):
-            self._lasting = found
-        return found
+            self._lasting = strengths
+        return strengths
 
     def _fields(
         self, source_terms: Sequence[SourceTerm], shape: tuple[int, ...], step: int, samples: Sequence[float]
@@ -147,13 +147,13 @@ class SourceTable:
         """Return the fields of source terms over nodes: one for each that splits into space and time, otherwise one for
         each sample time of the next step.
         """
-        start, found = self.near.dt * step, []
+        start, fields = self.near.dt * step, []
         for space, time in source_terms:
             if space is None:
-                found += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
+                fields += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
             else:
-                found.append(np.asarray(space, float).ravel())
-        return found
+                fields.append(np.asarray(space, float).ravel())
+        return fields
 
     def _amplitudes(
         self, source_terms: Sequence[SourceTerm], step: int, samples: Sequence[float], weights: np.ndarray, count: int

@@ -152,10 +152,10 @@ def signals(setup: Setup) -> list[tuple[str, Signal]]:
     named = [("source", _plain(setup)), ("incident", waves), ("load", setup.loads), ("constraint", setup.constraints)]
     timed = [
         (f"{key}.{name}", part)
-        for kind, given in named
-        for key, one in zip(keys(kind, given), given, strict=True)
+        for table, given in named
+        for key, source in zip(keys(table, given), given, strict=True)
         for name in ("time", "signal", "value", "velocity")
-        for part in _entries(getattr(one, name, None))
+        for part in _entries(getattr(source, name, None))
     ]
     return [(key, time) for key, time in timed if isinstance(time, Signal)]
 
@@ -290,8 +290,8 @@ def _of_load(load: Any, setup: Setup, near: NearField, sides: Sides, key: str) -
         value = pressing_force(load, lattice, near.model, setup.cracks, setup.rim, periodic, key)
     else:
         value = list(load.value)
-    found: Source = as_source(Source(value, load.time or steady), lattice.dim, f"{key}.value")
-    return found
+    source: Source = as_source(Source(value, load.time or steady), lattice.dim, f"{key}.value")
+    return source
 
 
 def ends_of(sides: Sides) -> dict[Key, bool]:
@@ -307,8 +307,8 @@ def incident_waves(
     """
     ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
-    whole, reach = setup.lattice.whole, near.stencil.reach
-    return [_arriving(wave.resolved(whole, reach, ends), near, ends, cuts, team) for wave in waves]
+    whole_lattice, reach = setup.lattice.whole, near.stencil.reach
+    return [_arriving(wave.resolved(whole_lattice, reach, ends), near, ends, cuts, team) for wave in waves]
 
 
 class Arriving(NamedTuple):
@@ -336,13 +336,13 @@ def _split_part(
 ) -> SourceTerm:
     """Split one part of a source, to be multiplied with `unit`; the part is a scalar if that is a unit vector."""
     space, time = space_and_time(source)
-    whole = np.ndim(unit) == 0
-    values, moment = split(source, near.lattice, near.stencil.components if whole else 1)
+    as_given = np.ndim(unit) == 0
+    values, moment = split(source, near.lattice, near.stencil.components if as_given else 1)
     if space is None or values is None:
         unsplit.append(near.function(time))
         return None, lambda t: unit * moment(t)
     if isinstance(space, np.ndarray):
-        exterior.check_values(near.size(values) if whole else values, key)
+        exterior.check_values(near.size(values) if as_given else values, key)
     else:
         peak = float(np.abs(values if near.closed is None else values[near.closed]).max(initial=0))
         exterior.check_function(near.function(space), peak, key, missed="source value")
@@ -354,10 +354,10 @@ def incident_wave_notes(incident: Sequence[Incidence], until: float) -> list[str
     Raises InputError for a wave that is not known for so long.
     """
     notes = []
-    for one in incident:
-        told = one.passage.doubts
-        notes += one.passage.foresee(until)
-        for text in one.passage.doubts:
+    for wave in incident:
+        told = wave.passage.doubts
+        notes += wave.passage.foresee(until)
+        for text in wave.passage.doubts:
             if text not in told:
                 warn(text)
     return notes
@@ -390,13 +390,15 @@ def _arriving(
     return Arriving(wave, factor, free, known)
 
 
-def incidence(one: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
+def incidence(arriving: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
     """Return the incidence that joins the total field inside a wave's box to the scattered one outside; appends to
     `notes`.
     """
-    walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in one.known)]
+    walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in arriving.known)]
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not account for them")
-    found = Incidence(one.wave, near.lattice, scheme_of(near, one.factor), one.free, near.states)
-    notes += found.passage.notes
-    return found
+    incidence_on_lattice = Incidence(
+        arriving.wave, near.lattice, scheme_of(near, arriving.factor), arriving.free, near.states
+    )
+    notes += incidence_on_lattice.passage.notes
+    return incidence_on_lattice

@@ -103,8 +103,8 @@ def _initial(name: str, setup: Setup, near: NearField, exterior: Exterior) -> np
     initial = setup.initial or {}
     level = near.background if name == "u" else 0.0
     value, key = initial.get(name, level), f"initial.{name}"
-    whole = value if name in initial else np.full(near.field_shape, level)
-    given = field(whole, near.lattice, near.stencil.components, key) - level
+    complete = value if name in initial else np.full(near.field_shape, level)
+    given = field(complete, near.lattice, near.stencil.components, key) - level
     values = near.inside(given)
     entries = value if isinstance(value, list | tuple) else [value]
     known = [isinstance(entry, np.ndarray) for entry in entries]  # arrays are known on the lattice alone
@@ -113,7 +113,7 @@ def _initial(name: str, setup: Setup, near: NearField, exterior: Exterior) -> np
         exterior.check_values(near.size(seen if all(known) else seen[known]), key)
     if name in initial and not all(known) and exterior.examines:
         if any(known):
-            value = [level if there else entry for entry, there in zip(entries, known, strict=True)]
+            value = [level if is_known else entry for entry, is_known in zip(entries, known, strict=True)]
         peak = float(np.abs(values).max(initial=0))
         exterior.check_function(near.function(value), peak, key, level, "initial value")
     return values

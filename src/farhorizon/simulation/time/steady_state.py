@@ -104,8 +104,8 @@ class SteadyState:
                 remedy="loads that stay or end, a later limit, or a time",
             )
         made = cls(tolerance, limit, settled, steps, steps // _LOOKS)
-        same = before is not None and (before.tolerance, before.settled) == (tolerance, settled)
-        if before is not None and same and run.step_count - (before.checked or 0) <= made.pace:
+        unchanged = before is not None and (before.tolerance, before.settled) == (tolerance, settled)
+        if before is not None and unchanged and run.step_count - (before.checked or 0) <= made.pace:
             made.quiet, made.checked = before.quiet, before.checked
         return made
 

@@ -66,8 +66,8 @@ class TimeLoop:
                 parts.breaking.check_start(self.source_table.force(0.0))
         self.first_energy = 0.0  # of an elastic medium whose balance is recorded
         if setup.balance and setup.lasting:
-            found = self.energies()
-            self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
+            stored = self.energies()
+            self.first_energy = sum(stored.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
             count = len(parts.source_terms.sources)
             given = parts.phases, parts.ends, self.source_table, count, team, parts.of_field
@@ -92,8 +92,8 @@ class TimeLoop:
                 return TimeLoop(setup, replace(parts, active_terms=[*parts.active_terms, (None, source)]), run_of)
 
         shared = sides_of_heat(self.parts.layered, grid.margins, self.parts.thermoelastic)
-        kind = HeatOfDeformation if load.coupled else HeatInSteps
-        return kind(load, near, grid, sides, shared, driven, broken)
+        stepped_heat = HeatOfDeformation if load.coupled else HeatInSteps
+        return stepped_heat(load, near, grid, sides, shared, driven, broken)
 
     def _broken(self, load: ThermalLoad) -> BrokenBonds | None:
         """Return the broken bonds of the solid; None if they cannot break, or if the temperature is given."""
@@ -143,8 +143,10 @@ class TimeLoop:
         parts = self.parts
         cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
         held = self.setup.rim == "fixed"
-        found = energies(parts.near, parts.layered.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held)
-        return self.team.total(found if self.heating is None else found | self.heating.energies())
+        of_field = energies(
+            parts.near, parts.layered.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held
+        )
+        return self.team.total(of_field if self.heating is None else of_field | self.heating.energies())
 
     @property
     def slow_crossing(self) -> float:
@@ -233,10 +235,10 @@ class TimeLoop:
         if step and breaking is not None:
             self._find_margin(breaking)
 
-    def allow(self, step: int, wanted: int) -> int:
+    def allow(self, step: int, most: int) -> int:
         """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
         opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
-        steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
+        steps = min(most, min((wait for wait in opening if wait > 0), default=sys.maxsize))
         if self.every:
             steps = min(steps, self.every - step % self.every)
         if self.heating is not None:
@@ -281,8 +283,8 @@ class TimeLoop:
         """Return the gains since the start by origin, see `farhorizon.Simulation.balance`."""
         if self.flow_balance is not None:
             return self.flow_balance.balance()
-        found = self.energies()
-        return {**found, "lost": self.first_energy + 2 * found["work"] - sum(found.values())}
+        stored = self.energies()
+        return {**stored, "lost": self.first_energy + 2 * stored["work"] - sum(stored.values())}
 
     @property
     def box(self) -> Box:
@@ -291,9 +293,9 @@ class TimeLoop:
         """
         grid, lattice = self.parts.grid, self.parts.near.lattice
         low = [grid.engine.layout.low[a] + (grid.margins[a - grid.lead, -1] if a >= grid.lead else 0) for a in range(3)]
-        every = self.team.gather(low)
+        lows = self.team.gather(low)
         first = (0,) * grid.lead + lattice.first
-        starts = [f + max(one[a] for one in every) - low[a] for a, f in enumerate(first)]
+        starts = [f + max(low_there[a] for low_there in lows) - low[a] for a, f in enumerate(first)]
         return [(int(start), int(start) + n) for start, n in zip(starts, grid.engine.layout.box.nodes, strict=True)]
 
     def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
@@ -322,20 +324,20 @@ class TimeLoop:
     def sums(self) -> dict[str, float]:
         """Return the sums accumulated during the run, over all processes."""
         balance = self.flow_balance
-        found = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
-        return self.team.total(found)
+        sums = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
+        return self.team.total(sums)
 
     def take(self, states: Iterable[tuple[Box, Mapping[str, np.ndarray]]], meta: Mapping[str, Any]) -> bool:
         """Restore a state returned by `state`, possibly on other processes: `states` yields the boxes of those and
         their arrays, one after the other. Returns whether they cover the box of this process and match it.
         """
-        engine, step, own = self.parts.grid.engine, int(meta["step"]), self.box
+        engine, step, own_box = self.parts.grid.engine, int(meta["step"]), self.box
         self._seen_at = int(meta.get("seen_at", 0))
         self._seen = {"seen": np.zeros_like(engine.current)} if "seen_at" in meta else {}
-        made = Assembly(engine, own, self._seen)
+        made = Assembly(engine, own_box, self._seen)
         arrays: Mapping[str, np.ndarray] = {}
         for box, arrays in states:
-            if common(own, box, (0, 1, 2)) is not None and not made.add(box, arrays):
+            if common(own_box, box, (0, 1, 2)) is not None and not made.add(box, arrays):
                 return False
         self.team.gather(None)  # raises if another process lacks a part and makes no further calls
         engine.phase, engine.steps_done, self.source_table.scale = int(meta["phase"]), step, float(meta["scale"])
