@@ -255,8 +255,8 @@ def assembled(
     conditioned = bool(near.conditions.nodes.size or near.prescribed.constraints or near.leak.size)
     if conditioned:
         check_conditions(near, sides, margins, exterior.notes)
-    link, neighbours = (None, None) if subdomain is None else (team.link, subdomain.neighbours)
-    grid = make_grid(setup, near, layered, margins, states, link, neighbours, bool(thermoelastic))
+    exchange = None if subdomain is None else (team.link, subdomain.neighbours)
+    grid = make_grid(setup, near, layered, margins, states, exchange, bool(thermoelastic))
     phases = None if setup.model.dissolution is None else _phases(setup, near, start, grid, active_terms)
     closing = any(side.closing for side in sides.values())
     closure = outline_condition(near, sides, grid, start.solid) if closing else None

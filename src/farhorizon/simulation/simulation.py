@@ -35,15 +35,22 @@ from farhorizon.simulation.recorders.recording import Recording
 from farhorizon.simulation.recorders.running_cracks import with_energy_factor
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.setup.modified_setups import evaluated_setup, remade_setup, shortened_setup
-from farhorizon.simulation.setup.overstretch import look_at
 from farhorizon.simulation.setup.setup import Key, Setup, side_name
 from farhorizon.simulation.setup.thin_bodies import thin_note
 from farhorizon.simulation.sides.layer_choice import default_length
 from farhorizon.simulation.sides.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
+from farhorizon.simulation.time.breaking import look_at
 from farhorizon.simulation.time.checkpoint_files import read_state, write_state
 from farhorizon.simulation.time.energies import present
-from farhorizon.simulation.time.guard import likely_cause, refuse_explosion
-from farhorizon.simulation.time.outer_loop import MOST_STEPS, advance_clock, checked_end, warn, warn_once
+from farhorizon.simulation.time.outer_loop import (
+    MOST_STEPS,
+    advance_clock,
+    checked_end,
+    likely_cause,
+    refuse_explosion,
+    warn,
+    warn_once,
+)
 from farhorizon.simulation.time.source_terms import incident_wave_notes, signals
 from farhorizon.simulation.time.steady_state import progress_of, take_progress
 from farhorizon.simulation.time.steps import last_step, seconds_of

@@ -170,11 +170,10 @@ def make_grid(
     layered: LayeredSides,
     margins: dict[Key, int],
     states: ForceStates | None,
-    link: Link | None = None,
-    neighbours: Mapping[Key, int] | None = None,
+    exchange: tuple[Link, Mapping[Key, int]] | None = None,
     warm: bool = False,
 ) -> Grid:
-    """Make the engine of a near field and its sides; `link` and `neighbours` connect it to the processes that fill its
+    """Make the engine of a near field and its sides; `exchange` connects it to the processes that fill its
     halo. If `warm`, layers have thermal strains, too. Raises InputError for a fixed side beside a layer.
     """
     lattice, model, stencil, sides = near.lattice, near.model, near.stencil, layered.sides
@@ -213,7 +212,8 @@ def make_grid(
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
         dragged=model.drag > 0,
     )
-    if link is not None and neighbours is not None:
+    if exchange is not None:
+        link, neighbours = exchange
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})
     images = {(lead + axis, side): b.image for (axis, side), b in sides.items() if b.image}
     engine.replace(filter=filter_with_images(engine.tables.filter, engine.layout, images))

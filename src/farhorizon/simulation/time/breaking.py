@@ -1,16 +1,24 @@
-"""Bonds that follow a law of their own stretch: nonlinear ones, and those that break."""
+"""Bonds that follow a law of their own stretch: nonlinear ones, and those that break.
+
+In the margin of a near field, within one reach of sides that are not free, and outside the boxes of incident waves,
+bonds cannot break, so that a crack that gets there stops.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.bonds import steepest
 from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.fracture import final_stretch
@@ -20,8 +28,8 @@ from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
-from farhorizon.simulation.setup.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.setup.setup import Key, Sides
+from farhorizon.simulation.time.outer_loop import warn_once
 
 _ROUNDING = 1e-9
 _SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
@@ -32,6 +40,44 @@ AT_REST = (
     "a crack at rest begins to grow at 1.05 to 1.37 times the fracture energy, depending on material and load, because "
     "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice"
 )
+
+
+@dataclass(frozen=True, eq=False)
+class IntactMargin:
+    """The bonds of the nodes in the margin."""
+
+    nodes: np.ndarray  # of int, shape (n,); places of the nodes in a level
+    corners: np.ndarray  # of int, shape (n, dim); their indices in the lattice
+    bits: np.ndarray  # of uint64, shape (words, n); one bit per bond: set if it is present and ends in the near field
+    distances: np.ndarray  # of int, shape (K,); offsets to the neighbours in a level
+    bonds: np.ndarray  # shape (K, dim); bond vectors
+    # largest ``|xi + eta|^2 / |xi|^2 - 1`` at which the weakest bonds would not break (linearised: ``2 xi . eta /
+    # |xi|^2``)
+    limit: float
+    nonlinear: bool
+    strength: np.ndarray  # limit at each place of a level relative to `limit`, or a single number
+    every: int  # steps between two checks: a wave takes longer to cross the margin
+    boxed: bool  # whether the margin includes what lies outside the boxes of incident waves
+
+    def overstretched(self, level: np.ndarray) -> np.ndarray | None:
+        """Return the index in the lattice of the node whose bond exceeds its limit most in a level of the engine; None
+        if none does.
+        """
+        given = self.nodes, self.bits, self.distances, self.bonds, self.nonlinear, self.strength
+        node, strain = steepest(level, *given)
+        return self.corners[node] if strain > self.limit else None
+
+    def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
+        """Return a warning if a bond exceeds its limit; otherwise None."""
+        node = self.overstretched(level)
+        if node is None:
+            return None
+        place = (lattice.lower + lattice.spacing * node).round(9).tolist()
+        return (
+            f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+            f"reach of a side that is not free{' or outside the box of an incident wave' if self.boxed else ''}: a "
+            "crack stops there, and what follows is not valid; enlarge the near field"
+        )
 
 
 class Breaking:
@@ -204,9 +250,10 @@ class Breaking:
 
     def margin(self) -> IntactMargin | None:
         """Return the margin in which bonds cannot break, to be checked whenever a longitudinal wave has crossed one
-        reach.
+        reach; None if there is none.
         """
         engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
+        part, offsets = self.grid.near, engine.offsets[:, self.grid.lead :]
         low, high = (
             np.clip(
                 np.array(edge[self.grid.lead :]) - [self.grid.margins[a, -1] for a in range(lattice.dim)],
@@ -215,29 +262,48 @@ class Breaking:
             )
             for edge in (self.zone.first, self.zone.end)
         )
-        crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
-        within = [np.zeros(lattice.shape, bool) for _ in self.regions]
-        for inside, region in zip(within, self.regions, strict=True):
-            bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
-            inside[tuple(slice(*pair) for pair in bounds)] = True
-        part, bonds = self.grid.near, lattice.spacing * engine.offsets[:, self.grid.lead :].astype(float)
+        outside = np.ones(lattice.shape, bool)
+        outside[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = False
+        corners = np.argwhere(outside)
+        bits = self._bits_inside(corners, engine.bonds.present(part).reshape(-1, *lattice.shape)[:, outside])
+        held, limit = bits.any(0), engine.bonds.limit
+        if not held.any() or not np.isfinite(limit):
+            return None
+        bonds = lattice.spacing * offsets.astype(float)
         if len(engine.bonds.table.released):  # bonds that break by energy share the elongation limit of the longest one
             lengths = np.linalg.norm(bonds, axis=1)
             bonds *= (lengths.max() / lengths)[:, None]
-        return intact_margin(
-            lattice.shape,
-            tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
-            engine.core.node_indices()[part].reshape(lattice.shape),
-            engine.offsets[:, self.grid.lead :],
-            engine.bonds.present(part).reshape(-1, *lattice.shape),
-            within,
+        crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
+        return IntactMargin(
+            engine.core.node_indices()[part].reshape(lattice.shape)[outside][held],
+            corners[held],
+            np.ascontiguousarray(bits[:, held]),
             engine.offsets @ np.array(engine.core.stride),
-            bonds,
-            engine.bonds.limit,
+            np.ascontiguousarray(bonds, float),
+            limit,
             law.nonlinear,
             engine.bonds.table.strength,
             max(1, int(crossing / near.dt)),
+            bool(self.regions),
         )
+
+    def _bits_inside(self, corners: np.ndarray, bits: np.ndarray) -> np.ndarray:
+        """Return the bits of the bonds of some nodes, shape (words, n), without those of bonds that leave the near
+        field, and of bonds through the face of an incident wave's box, which have no meaningful stretch.
+        """
+        lattice = self.near.lattice
+        boxes = [np.zeros(lattice.shape, bool) for _ in self.regions]
+        for inside, region in zip(boxes, self.regions, strict=True):
+            bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
+            inside[tuple(slice(*pair) for pair in bounds)] = True
+        for k, offset in enumerate(self.grid.engine.offsets[:, self.grid.lead :]):
+            neighbours = corners + offset
+            leaves = ((neighbours < 0) | (neighbours >= lattice.shape)).any(1)
+            neighbours_inside = tuple(np.where(leaves[:, None], corners, neighbours).T)
+            for inside in boxes:
+                leaves |= inside[tuple(corners.T)] != inside[neighbours_inside]
+            bits[k >> 6, leaves] &= ~(np.uint64(1) << np.uint64(k & 63))
+        return bits
 
     def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
         """Return the sides within one reach of which there are cracks whose faces would meet, but do not."""
@@ -288,3 +354,16 @@ class Breaking:
                 f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break "
                 "at once"
             )
+
+
+def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
+    """Warn if bonds in the margin of a run are stretched beyond their limit, every `every` steps, if that is positive;
+    on several processes any of them may have such bonds.
+    """
+    if not every or run.step_count < run.next_look:
+        return
+    run.next_look = (run.step_count // every + 1) * every
+    warnings_of_all = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
+    warning = next((text for text in warnings_of_all if text is not None), None)
+    if warning is not None:
+        warn_once(run, "crack where bonds cannot break", warning)

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.boundaries import ExactEnds
 from farhorizon.engine.engine import Engine
+from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Sides
-from farhorizon.simulation.time.breaking import Breaking
 
 
 def kinetic_energy(near: NearField, grid: Grid) -> float:
@@ -32,19 +31,11 @@ def present(by_name: Mapping[str, float]) -> float:
     return sum(by_name.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
 
 
-def energies(
-    near: NearField,
-    sides: Sides,
-    grid: Grid,
-    ends: ExactEnds | None,
-    breaking: Breaking | None,
-    work: bool,
-    cold: bool = False,
-    rim_held: bool = False,
-) -> dict[str, float]:
+def energies(parts: Parts, work: bool, cold: bool = False, rim_held: bool = False) -> dict[str, float]:
     """Return the energies by name, see `farhorizon.Simulation.energies`. `work`: that of the sources is recorded;
     `cold`: thermal strains are not subtracted; `rim_held`: the field outside a body is fixed.
     """
+    near, grid, breaking = parts.near, parts.grid, parts.breaking
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
@@ -63,10 +54,10 @@ def energies(
         }
     engine.complete(engine.current)
     u, old = engine.current.astype(float), engine.older.astype(float)
-    if ends is not None:
-        ends.fill(u, old)
+    if parts.ends is not None:
+        parts.ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
-    strain = _shown(near, grid, _strain(near, sides, grid, u, old, rim_held))
+    strain = _shown(near, grid, _strain(near, parts.layered.sides, grid, u, old, rim_held))
     if engine.tables.heat.thermal_strain.size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))

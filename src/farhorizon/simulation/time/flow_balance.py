@@ -3,49 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.boundaries import ExactEnds
 from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.settings import record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
-from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.flux import check_drift
-from farhorizon.simulation.setup.grid import Grid
-from farhorizon.simulation.setup.near_field import NearField
-from farhorizon.simulation.setup.setup import Setup, Sides, side_name
+from farhorizon.simulation.setup.setup import Setup, side_name
 from farhorizon.simulation.time.of_field import Conduction
 from farhorizon.simulation.time.source_table import Batch, SourceTable
-from farhorizon.simulation.time.source_terms import SourceTerm
 
 
 class FlowBalance:
     """Accounts of the flow into the free nodes, those whose values nothing prescribes: one for each condition, one for
     each side that the field flows through, one for the fixed edge of a body, and one for what a reaction consumes.
 
-    The first `sources` terms of the source table are sources, which conditions follow, and then `more`: what depends on
-    the field, by name. Each process counts the flow into the nodes of its box. Raises InputError unless the equation is
-    of first order in time.
+    Sources come first in the source table, then conditions, and then what depends on the field. Each process counts the
+    flow into the nodes of its box. Raises InputError unless the equation is of first order in time.
     """
 
-    def __init__(
-        self,
-        setup: Setup,
-        near: NearField,
-        sides: Sides,
-        grid: Grid,
-        phases: SolidAndLiquid | None,
-        ends: ExactEnds | None,
-        source_table: SourceTable,
-        sources: int,
-        team: ProcessGroup = ALONE,
-        more: Sequence[tuple[str, SourceTerm]] = (),
-    ) -> None:
+    def __init__(self, setup: Setup, parts: Parts, source_table: SourceTable, team: ProcessGroup = ALONE) -> None:
+        near, sides = parts.near, parts.layered.sides
         if near.model.order != 1:
             raise InputError(
                 "a balance is recorded for equations of first order in time, and for elasticity",
@@ -54,25 +38,16 @@ class FlowBalance:
                 remedy="leave it out: the energy is recorded without it",
             )
         check_drift(near, "balance")
-        self.near, self.sides, self.grid, self.phases, self.ends, self.source_table = (
-            near,
-            sides,
-            grid,
-            phases,
-            ends,
-            source_table,
-        )
-        self._setup, self._team = setup, team
+        self.near, self.sides, self.grid, self.phases, self.ends = near, sides, parts.grid, parts.phases, parts.ends
+        self.source_table, self._setup, self._team = source_table, setup, team
         outer = [side_name(*key) for key, side in sides.items() if not (side.periodic or side.shared)]
         outer_of_all = [name for names in team.gather(outer) for name in names]
         self._outer = [side_name(*key) for key in sides if side_name(*key) in outer_of_all]
-        self._owners = [f"source[{i}]" for i in range(sources)]
+        self._owners = [f"source[{i}]" for i in range(len(parts.source_terms.sources))]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
-        self._owners += [name for name, _ in more]
-        self._conductions = {
-            name: source_term for name, (_, source_term) in more if isinstance(source_term, Conduction)
-        }
-        self._prescribing = [i for i, names in enumerate(setup.constraints) if isinstance(names, Prescribed)]
+        self._owners += [name for name, _ in parts.of_field]
+        self._conductions = {name: term for name, (_, term) in parts.of_field if isinstance(term, Conduction)}
+        self._prescribing = [i for i, given in enumerate(setup.constraints) if isinstance(given, Prescribed)]
         self._holding = near.prescribed.holding(0)
         self._open()
         self.powers = np.zeros(len(source_table.source_terms))  # amount that each has supplied on this process

@@ -21,9 +21,8 @@ from farhorizon.simulation.heat.heating import Heating
 from farhorizon.simulation.heat.thermoelastic_sides import sides_of_heat
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import Bonds
-from farhorizon.simulation.setup.overstretch import IntactMargin
 from farhorizon.simulation.setup.setup import Setup
-from farhorizon.simulation.time.breaking import Breaking
+from farhorizon.simulation.time.breaking import Breaking, IntactMargin
 from farhorizon.simulation.time.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.time.energies import energies, kinetic_energy, present
 from farhorizon.simulation.time.flow_balance import FlowBalance
@@ -69,9 +68,7 @@ class TimeLoop:
             stored = self.energies()
             self.first_energy = sum(stored.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
-            count = len(parts.source_terms.sources)
-            given = parts.phases, parts.ends, self.source_table, count, team, parts.of_field
-            self.flow_balance = FlowBalance(setup, near, sides, grid, *given)
+            self.flow_balance = FlowBalance(setup, parts, self.source_table, team)
         self.margin: IntactMargin | None = None  # nodes whose bonds would break, but cannot
         self.every = 0  # steps between two checks of these on all processes; 0 for none
         if parts.breaking is not None:
@@ -140,13 +137,9 @@ class TimeLoop:
 
     def energies(self) -> dict[str, float]:
         """Return the energies of the near field by name, see `farhorizon.Simulation.energies`."""
-        parts = self.parts
-        cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
-        held = self.setup.rim == "fixed"
-        of_field = energies(
-            parts.near, parts.layered.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held
-        )
-        return self.team.total(of_field if self.heating is None else of_field | self.heating.energies())
+        cold = self.heating is not None and self.heating.coupled
+        by_name = energies(self.parts, self.setup.lasting, cold, self.setup.rim == "fixed")
+        return self.team.total(by_name if self.heating is None else by_name | self.heating.energies())
 
     @property
     def slow_crossing(self) -> float:
