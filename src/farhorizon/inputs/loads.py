@@ -179,7 +179,7 @@ def force_density(
     place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
     loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
     across = [a for a in range(lattice.dim) if a != axis]
-    slack = 1e-9 * lattice.spacing
+    slack = 1e-9 * lattice.spacing  # rounding of coordinates
     if load.between is not None and np.shape(load.between) != (len(across), 2):
         raise InputError(
             "a part of a side is given by two ends along each other axis",

@@ -17,6 +17,7 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import Expression, as_signal
 from farhorizon.medium.integrators import Integrator, RungeKutta4, RungeKuttaChebyshev
 
+_ROUNDING = 1e-9  # of a step, for the time of a release
 _OF_TIMES = Function(place=False, components=True)
 _VALUE = "Value as a function of t; for displacements a list with one entry per axis, false for a free component."
 
@@ -162,7 +163,7 @@ class Prescribed(Storable):
 
     def last_step(self, dt: float) -> float:
         """Number of the last step in which the value is prescribed."""
-        return np.inf if self.until is None else np.floor(self.until / dt + 1e-9)
+        return np.inf if self.until is None else np.floor(self.until / dt + _ROUNDING)
 
     def release_rate(self, component: int, t: float, dt: float) -> float:
         """Velocity of a component when it is released at time t."""

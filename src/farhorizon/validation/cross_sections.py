@@ -26,8 +26,8 @@ from scipy import special
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box, Disc
-from farhorizon.inputs.plane_waves import IncidentWave
 from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.travelling_waves import IncidentWave
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic, Wave
 from farhorizon.simulation.recorders.far_field import FarField

@@ -112,7 +112,8 @@ class CutBonds:
         for (axis, side), boundary in self.layered.sides.items():
             edge = (lattice.lower, lattice.upper)[(side + 1) // 2][axis]
             end = cut.bounds()[(side + 1) // 2][axis]
-            if side * (end - edge) > 1e-9 * lattice.spacing and boundary.cracks not in ("end", "repeat"):
+            beyond = side * (end - edge) > 1e-9 * lattice.spacing  # more than rounding
+            if beyond and boundary.cracks not in ("end", "repeat"):
                 if boundary.cracks == "refuse":
                     raise InputError(
                         "a crack crosses a side that cannot continue it",

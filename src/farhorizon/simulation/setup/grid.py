@@ -150,6 +150,7 @@ def choose_margins(
             last = np.arange(m + 1) if side < 0 else lattice.shape[axis] - 1 - np.arange(m + 1)
             least = int(boundary.stretched)
             asked = boundary.open_ended or boundary.target is not None
+            # a thousandth of what may be missed, so that it does not count
             faint = 1e-3 * boundary.wanted(near.model.target) if asked else _FAINT
             busy = bool(least) and any(
                 np.abs(np.take(f, last, axis)).max() > faint * peak

@@ -28,7 +28,8 @@ from farhorizon.simulation.setup.reference_medium import Contrast, ReferenceMedi
 from farhorizon.simulation.setup.setup import Setup, Sides, wrapping
 from farhorizon.simulation.setup.validation import closed_window
 
-_ALIKE = 1e-12  # relative difference up to which constants are those of the same medium
+_ALIKE = 1e-12  # relative difference up to which constants are those of the same medium, and a step that at the limit
+_TINY = 1e-300  # in place of zero, where nothing moves
 # (rate of the data x step)^2 for an error of a thousandth by a method of second order such as Chebyshev's
 _FOLLOWED = 0.02
 
@@ -159,7 +160,7 @@ class NearField:
     @property
     def fastest_rate(self) -> float:
         """``coefficient / spacing^2`` where the medium is fastest: the factor of the stencil `fastest`."""
-        return self.model.coefficient / self.lattice.spacing**2 * max(self.strongest, 1e-300)
+        return self.model.coefficient / self.lattice.spacing**2 * max(self.strongest, _TINY)
 
     @property
     def fastest(self) -> Stencil:
@@ -186,13 +187,13 @@ class NearField:
         """Unit of time of the set-up: that in which the fastest wave crosses the near field, or in which it empties by
         diffusion, ``R^2/D``.
         """
-        return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
+        return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, _TINY))
 
     @property
     def slow_crossing(self) -> float:
         """As `crossing`, for the slowest wave or the smallest diffusivity."""
         length = max(self.lattice.whole.shape) * self.lattice.spacing
-        return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, 1e-300))
+        return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, _TINY))
 
     @property
     def material(self) -> np.ndarray:
@@ -320,7 +321,7 @@ def extremes_of(
 
 def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, contrast: Contrast) -> float:
     unit = model.coefficient / spacing**2
-    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(contrast.fastest, 1e-300))
+    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(contrast.fastest, _TINY))
 
 
 def _rate_limit(
@@ -412,12 +413,12 @@ def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf)
             return default
         dt = kinds.function(dt, "run.dt", "the default step")(default)
     dt = kinds.number(dt, "run.dt", above=0)
-    if dt > limit * (1 + 1e-12):
+    if dt > limit * (1 + _ALIKE):
         raise InputError(
             "the time step is above the stable limit",
             value=dt,
             limit=f"{limit:.6g}",
             key="run.dt",
-            remedy=f"dt <= {0.9 * limit:.4g}, or leave dt out",
+            remedy=f"dt <= {0.9 * limit:.4g}, or leave dt out",  # a round number below it
         )
     return dt

@@ -31,7 +31,7 @@ from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Sides
 from farhorizon.simulation.time.outer_loop import warn_once
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # relative
 _SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
 
 

@@ -15,7 +15,7 @@ from farhorizon.simulation.time.outer_loop import check_ahead, checked_end
 from farhorizon.simulation.time.steps import last_step
 
 STATIC = "static"
-TOLERANCE = 1e-3
+TOLERANCE = 1e-3  # unless given: velocities a thousandth of the largest ones
 _PATIENCE = 100  # number of windows to the latest end, unless it is given
 _LOOKS = 16  # checks per window
 

@@ -30,6 +30,9 @@ from farhorizon.simulation.time.source_table import SourceTable
 from farhorizon.simulation.time.source_terms import SourceChecks, time_histories
 from farhorizon.simulation.time.start import Motion, continued, with_incident_waves
 
+_ROUNDING = 1e-9  # of a step, for the times of cracks
+_TINY = 1e-300  # a scale above zero, so that values may be compared with it
+
 
 class TimeLoop:
     """Time stepping of the parts of a run; the constructor brings the engine to the start. `run_of` makes a run of a
@@ -54,7 +57,7 @@ class TimeLoop:
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
         self._begun = with_incident_waves(start, parts.incident) if parts.incident else start
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, 1e-300, *held]))
+        self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, _TINY, *held]))
         self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
@@ -199,7 +202,7 @@ class TimeLoop:
     def _due(self, step: int) -> list[Crack]:
         """Return the cracks that are open at a step."""
         dt = self.parts.near.dt
-        return [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
+        return [crack for crack in self.setup.cracks if crack.opens <= step * dt + _ROUNDING * dt]
 
     def sever(self, bonds: Bonds, step: int) -> None:
         """Cut these bonds from a step on, in addition to those across cracks and in place of those of the last call."""
@@ -230,7 +233,7 @@ class TimeLoop:
 
     def allow(self, step: int, most: int) -> int:
         """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
-        opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
+        opening = [int(np.ceil(c.opens / self.parts.near.dt - _ROUNDING)) - step for c in self.setup.cracks]
         steps = min(most, min((wait for wait in opening if wait > 0), default=sys.maxsize))
         if self.every:
             steps = min(steps, self.every - step % self.every)
