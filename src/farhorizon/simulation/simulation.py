@@ -216,15 +216,13 @@ class Simulation(Run):
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.of_field = near.fastest_rate, near.weakest, setup.depends_on_field
-        self._driven = bool(setup.sources or setup.loads or setup.constraints)
-        self.signals = signals(setup) if self._driven else []
+        self.signals = signals(setup) if setup.sources or setup.loads or setup.constraints else []
         self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.source_terms.sources
         self.coefficients, self.incident, self.extents = layered.coefficients, parts.incident, layered.extents
-        margins = team.gather(
-            layered.beyond(near.stencil, near.lattice.spacing)
-        )  # 0 beyond sides shared with a neighbour
-        self.beyond = {key: max(margins_there[key] for margins_there in margins) for key in layered.sides}
+        # 0 beyond sides shared with a neighbour
+        beyond_of_all = team.gather(layered.beyond(near.stencil, near.lattice.spacing))
+        self.beyond = {key: max(beyond[key] for beyond in beyond_of_all) for key in layered.sides}
         sides = {side_name(*key): side for key, side in layered.sides.items()}
         if layered.extents:
             sides = resolved_sides(layered)
