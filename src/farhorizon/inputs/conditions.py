@@ -244,7 +244,7 @@ def alone(value: Any) -> list[Any]:
 
 
 def _driven(source_terms: Sequence[SourceTerm], shape: tuple[int, ...]) -> np.ndarray:
-    """Where the drives that vary in time, or the sum of those that do not, are not zero."""
+    """Where the source terms that vary in time, or the sum of those that do not, are not zero."""
     constant, active = np.zeros(shape), np.zeros(shape, bool)
     for space, time in source_terms:
         if space is None:
@@ -451,7 +451,7 @@ def _surface_of(
 
 @dataclass
 class _Held:
-    """Prescribed nodes of one condition: each takes weight * its reference (weight 0: none) + drives."""
+    """Prescribed nodes of one condition: each takes weight * its reference (weight 0: none) + source terms."""
 
     number: int
     nodes: np.ndarray
@@ -570,7 +570,7 @@ class _Face:
         return at
 
     def values(self, value: Any, depth: float) -> SourceTerm:
-        """A value as a drive over the lines, for a wall at `depth`."""
+        """A value as a source term over the lines, for a wall at `depth`."""
         space, time = space_and_time(value)
         at = self.coordinates(depth)
         if space is None:
@@ -601,7 +601,7 @@ def _finite(value: Any, count: int, key: str) -> np.ndarray:
 def _scaled(
     source_term: SourceTerm, factor: np.ndarray | float, put: Callable[[np.ndarray], np.ndarray] = lambda v: v
 ) -> SourceTerm:
-    """The drive times a factor, with its values rearranged by `put`."""
+    """The source term times a factor, with its values rearranged by `put`."""
     space, time = source_term
     if space is None:
         return None, lambda t: put(factor * time(t))
@@ -713,7 +713,7 @@ def _in_region(
 
 
 def _values_at(value: Any, at: Sequence[np.ndarray], nodes: np.ndarray, lattice: Lattice, key: str) -> SourceTerm:
-    """A value as a drive over points, each of which belongs to a node of this part of the lattice."""
+    """A value as a source term over points, each of which belongs to a node of this part of the lattice."""
     space, time = space_and_time(value)
     if space is None:
         return None, lambda t: _finite(time(*at, t), len(nodes), key)
@@ -829,7 +829,7 @@ class _RegionSurface:
         return field
 
     def values(self, value: Any, depth: float) -> SourceTerm:
-        """A value as a drive over the bonds."""
+        """A value as a source term over the bonds."""
         return _values_at(value, list(self._at.T), self._nodes, self.part, self.key)
 
 

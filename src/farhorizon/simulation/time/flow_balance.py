@@ -191,7 +191,7 @@ class FlowBalance:
         flows.totals[0] += np.bincount(flows.accounts[along], gains, flows.totals.shape[1])
 
     def sums(self) -> dict[str, float]:
-        """Return the amount that each drive has supplied on this process, by name."""
+        """Return the amount that each source term has supplied on this process, by name."""
         return {f"power/{number}": float(power) for number, power in enumerate(self.powers)}
 
     def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
