@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from farhorizon import InputError
 from farhorizon.analysis.exact.chain import Recursion, ground
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
-from farhorizon.errors import InputError
 from farhorizon.papers.bar_loops import BarEnds, HeldNodes, bar_acceleration, bar_steps
 
 _CHUNK = 1024  # steps per call of the compiled loop if there is no convolution

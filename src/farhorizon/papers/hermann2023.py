@@ -23,17 +23,25 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from farhorizon.analysis.modes import discrete_symbol, series_symbol
-from farhorizon.boundaries import Exact, FirstOrder, Fixed, Higdon, LatticePML, PlaneWave, Side, Sponge
-from farhorizon.errors import UnstableError
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Disc
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Wave
+from farhorizon import (
+    Disc,
+    Exact,
+    FirstOrder,
+    Fixed,
+    Higdon,
+    Kernel,
+    Lattice,
+    LatticePML,
+    PlaneWave,
+    Side,
+    Simulation,
+    Sponge,
+    Stencil,
+    UnstableError,
+    Wave,
+)
 from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, measured_run
 from farhorizon.papers.reproductions import LINE, SHADE, reproduction
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = (
@@ -783,15 +791,15 @@ def figure_6(folder: Path) -> Outcome:
     horizon = 2.0
     kernel = Kernel(horizon, 2)
     k = np.linspace(0.0, np.pi, 315)
-    along = np.stack([k, 0 * k], axis=1)
     curves = [("closed form", k, np.sqrt(kernel.dispersion(k, 2)))]
     for m in (2, 8):
         spacing = horizon / m
         stencil = Stencil.from_kernel(Kernel(horizon, 2, calibrate=False), spacing, 2)
-        symbol = discrete_symbol(along, spacing * stencil.offsets, stencil.weights / spacing**2)
+        symbol = stencil.symbol(k * spacing, 0 * k) / spacing**2
         curves.append((f"numerical, horizon / spacing = {m}", k, np.sqrt(symbol)))
     for order in (4, 26):
-        series = series_symbol(along, 1.0, horizon, kernel.series(2, order // 2 - 1))
+        terms = np.r_[1.0, kernel.series(2, order // 2 - 1)]
+        series = k**2 * np.polynomial.polynomial.polyval((k * horizon) ** 2, terms)
         curves.append((f"Taylor, order {order}", k, np.sqrt(np.abs(series))))
     curves.append(("local", k, k))
     path = folder / "hermann2023-fig6.png"

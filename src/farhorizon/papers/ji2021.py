@@ -20,7 +20,6 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from farhorizon.analysis.exact.chain import Recursion, force_form, fronts, ghost_kernel, symbol
-from farhorizon.medium.integrators import Verlet
 from farhorizon.papers.bar import Bar, bonds_of
 from farhorizon.papers.bar_loops import bar_acceleration, recursive_impulse
 from farhorizon.papers.reproductions import LINE, reproduction
@@ -145,6 +144,11 @@ def _inverse(series: np.ndarray) -> np.ndarray:
     return out
 
 
+def verlet(dt: float) -> Recursion:
+    """Velocity Verlet as a recursion in increments."""
+    return Recursion(keep=1.0, scale=dt**2, first=0.5)
+
+
 @cache
 def _paper_kernel(dt: float, steps: int) -> np.ndarray:
     """Force kernel of the paper's boundary for the bar; its first sample has the weight 1/2 of the trapezoidal rule (eq
@@ -158,7 +162,7 @@ def _paper_kernel(dt: float, steps: int) -> np.ndarray:
 def _discrete_kernel(dt: float, steps: int) -> np.ndarray:
     """Force kernel of the fully discrete chain for the bar."""
     weights = bar_weights()
-    return force_form(ghost_kernel(weights, Recursion.of(Verlet(), dt), steps), weights)
+    return force_form(ghost_kernel(weights, verlet(dt), steps), weights)
 
 
 def beam_kernel(t: float) -> np.ndarray:
@@ -217,7 +221,7 @@ class BarExample:
 
         `kernel` and `first` specify the boundary; without a kernel the chain is so long that nothing returns.
         """
-        weights, recursion = bar_weights(), Recursion.of(Verlet(), dt)
+        weights, recursion = bar_weights(), verlet(dt)
         steps = [round(t / dt) for t in times]
         pad = 0 if kernel is not None else int(fronts(weights, recursion, steps[-1])[-1]) // 2 + 20
         u, bonds = self.setup(pad)

@@ -10,11 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import Certificate, Side, Simulation, UnstableError
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.boundaries import Side
-from farhorizon.checks.certificate import NOT_CERTIFIED, UNDECIDED, Certificate
-from farhorizon.errors import UnstableError
-from farhorizon.simulation.simulation import Simulation
 
 _SECONDS = 8.0  # time limit of a certificate
 _CLOSELY = 200  # number of first steps after each of which the norm is recorded: fast growth soon overflows
@@ -103,9 +100,9 @@ def measured_run(
 
 def _in_words(certificate: Certificate) -> str:
     """The verdict with the rate of the fastest-growing mode, if there is one."""
-    if not np.isfinite(certificate.rate) or certificate.verdict == UNDECIDED:
+    if not np.isfinite(certificate.rate) or certificate.verdict == "undecided":
         return certificate.verdict
-    if certificate.verdict == NOT_CERTIFIED:
+    if certificate.verdict == "not certified":
         return f"not certified: grows by {certificate.rate:.2g} per unit time"
     return f"{certificate.verdict}: decays by {-certificate.rate:.2g} per unit time"
 
@@ -152,7 +149,7 @@ def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[f
     """
     sim = Simulation(**{**setup, "boundary": boundary, "initial": None})
     found = sim.certificate(_SECONDS)
-    if found.verdict == UNDECIDED:
+    if found.verdict == "undecided":
         return float(np.expm1(growth_from_noise(setup, boundary, until) * sim.dt)), "measured from noise"
     if np.isnan(found.rate):
         return 0.0, "at most: proof"

@@ -13,11 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Diffusion
+from farhorizon import Diffusion, Fixed, Free, Kernel, Lattice, LatticePML, PlaneWave, Side, Stencil
 from farhorizon.papers.measure import Measured, Reference, infinite, measured_run, stability_note
 from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting

@@ -17,17 +17,24 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import (
+    Ball,
+    Corrosion,
+    Disc,
+    Fixed,
+    Free,
+    Kernel,
+    Lattice,
+    LatticePML,
+    PlaneWave,
+    Shape,
+    Simulation,
+    Specimen,
+    Text,
+)
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.masks import Text
-from farhorizon.geometry.shapes import Ball, Disc, Shape
-from farhorizon.inputs.specimens import Specimen
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Corrosion
 from farhorizon.papers.reproductions import SHADE, reproduction
 from farhorizon.papers.shojaei2020 import PAPER
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 EXPONENT = (

@@ -12,10 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import NonlocalPML
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.moduli import moduli_of
-from farhorizon.medium.stencil import Stencil
+from farhorizon import Elastic, Kernel, NonlocalPML, Stencil
 
 
 class Gradient:
@@ -82,7 +79,7 @@ class SplitFields:
         poisson: float = 0.25,
     ) -> None:
         self.dim, self.dt, self.gradient = len(u), dt, Gradient(kernel, spacing, len(u))
-        solid = moduli_of({"young": young, "poisson": poisson}, None, None, "correspondence", "")
+        solid = Elastic(kernel, young, poisson, material="correspondence")
         self.lame, self.shear = solid.lame, solid.shear
         outwards = layer.stretch(spacing, float(np.sqrt(self.lame + 2 * self.shear)))
         self.phi = np.zeros((self.dim, *u.shape[1:]))

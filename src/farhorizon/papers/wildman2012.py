@@ -17,17 +17,23 @@ from typing import Any
 import numpy as np
 from scipy.optimize import curve_fit
 
+from farhorizon import (
+    Correspondence,
+    Fixed,
+    Free,
+    Kernel,
+    Lattice,
+    LatticePML,
+    NonlocalPML,
+    Simulation,
+    Sponge,
+    Traction,
+    UnstableError,
+)
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.analysis.references.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
-from farhorizon.boundaries import Fixed, Free, LatticePML, NonlocalPML, Sponge
-from farhorizon.errors import UnstableError
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.loads import Traction
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Correspondence
 from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.papers.split_fields import Gradient, SplitFields
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = "Wildman, Gazonas (2012), A perfectly matched layer for peridynamics in two dimensions"

@@ -12,13 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.analysis.fracture.crack_paths import CrackPaths
-from farhorizon.boundaries import Free, LatticePML, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.crack_tips import CrackTips
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import CrackTips, Elastic, Free, Kernel, Lattice, LatticePML, Side, Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -61,10 +55,10 @@ def time_of_parting(tips: CrackTips, others: CrackTips) -> float:
     return float(tips.times[np.argmax(apart)]) if apart.any() else np.inf
 
 
-def _drawn(cracks: CrackPaths) -> np.ndarray:
+def _drawn(tips: CrackTips) -> np.ndarray:
     """Paths of the cracks as one line with gaps, shape (n, 2)."""
     gap = np.full((1, 2), np.nan)
-    return np.concatenate([part for path in cracks.paths for part in (path, gap)])
+    return np.concatenate([part for path in tips.now.paths for part in (path, gap)])
 
 
 @validation("branching", BRANCHING, "a crack that branches in the infinite medium, and in a plate with free edges")
@@ -93,7 +87,7 @@ def branching(folder: Path) -> Outcome:
     picture = folder / "branching.png"
     rayleigh, both = RAYLEIGH * model.s_speed, (("infinite medium", tips), ("free edges", boxed))
     speeds = [(name, one.times, one.data["speed"][:, 0] / rayleigh) for name, one in both]
-    cracks = [(name, *_drawn(one.now).T) for name, one in both]
+    cracks = [(name, *_drawn(one).T) for name, one in both]
     curve_panels(
         [("one tip", speeds), (f"cracks at t = {END:g}", cracks)],
         picture,

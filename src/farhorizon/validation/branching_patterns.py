@@ -11,10 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.crack_tips import CrackTips
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import CrackTips, Elastic, LatticePML, Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.branching import END, RAYLEIGH, TOUGHNESS, angle_of_branches, running, time_of_branching
 from farhorizon.validation.validations import validation

@@ -23,15 +23,19 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Box, Disc
-from farhorizon.inputs.plane_waves import IncidentWave
-from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic, Wave
-from farhorizon.simulation.recorders.far_field import FarField
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import (
+    Box,
+    Disc,
+    Elastic,
+    FarField,
+    IncidentWave,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Prescribed,
+    Simulation,
+    Wave,
+)
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -22,12 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.special import spherical_jn
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
-from farhorizon.models import Elastic
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Elastic, Lattice, LatticePML, Simulation, Source, Step
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
+from farhorizon import Elastic, Kernel, calibrated_stretch
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.studies.toughness import RunningCrack, calibrated_stretch, rayleigh_speed, running_crack
+from farhorizon.studies.toughness import RunningCrack, rayleigh_speed, running_crack
 from farhorizon.validation.validations import validation
 
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"

@@ -46,15 +46,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.local_sources import PointSource
-from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Wave
-from farhorizon.simulation.recorders.spectra import Spectra
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Box, Lattice, LatticePML, PointSource, Prescribed, Simulation, Spectra, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -49,13 +49,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import erf, gamma
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Wave
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Crack, Lattice, LatticePML, Simulation, Source, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -19,12 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Elastic, LatticeModel, Wave
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Elastic, Lattice, LatticeModel, LatticePML, Simulation, Source, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -20,11 +20,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import j0
 
-from farhorizon.boundaries import Exact, Extended, LatticePML, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Wave
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Exact, Extended, Kernel, Lattice, LatticePML, Side, Simulation, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

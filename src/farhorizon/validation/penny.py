@@ -17,15 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import DiscCut
-from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.integrators import RungeKuttaChebyshev
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Diffusion
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Crack, Diffusion, DiscCut, Lattice, LatticePML, RungeKuttaChebyshev, Simulation, Source, Stencil
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -19,14 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Ball, Box
-from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.signals import Step
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Ball, Box, Elastic, Kernel, Lattice, LatticePML, Pressure, Simulation, Step
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.explosion import against_exact
 from farhorizon.validation.validations import validation

@@ -16,16 +16,19 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import (
+    DiscCut,
+    Elastic,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Polyline,
+    Pressure,
+    Simulation,
+    Step,
+    StressIntensity,
+)
 from farhorizon.analysis.fracture.opening import face_jumps, opening_intensity
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import DiscCut, Polyline
-from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.signals import Step
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.intensities import StressIntensity
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.penny import draw_profile
 from farhorizon.validation.validations import validation

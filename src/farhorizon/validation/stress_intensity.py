@@ -23,17 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
+from farhorizon import Elastic, Kernel, Lattice, LatticePML, Polyline, Pressure, Simulation, Source, Stencil, Step, Wave
 from farhorizon.analysis.fracture.opening import opening_intensity
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Polyline
-from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Elastic, Wave
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -31,15 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import Free, LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.local_sources import MomentTensor
-from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.receivers import Receivers
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Elastic, Free, Kernel, Lattice, LatticePML, MomentTensor, Receivers, Simulation, Source, Step
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -23,14 +23,22 @@ from pathlib import Path
 import numpy as np
 from scipy.special import erfc, erfcx
 
-from farhorizon.boundaries import Free, LatticePML, Periodic, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.conditions import Temperature
-from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Diffusion, Elastic, Heat, Thermoelastic
-from farhorizon.simulation.setup.setup import Setup
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import (
+    Diffusion,
+    Elastic,
+    Free,
+    Heat,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Periodic,
+    Setup,
+    Side,
+    Simulation,
+    Temperature,
+    ThermalLoad,
+    Thermoelastic,
+)
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

@@ -6,6 +6,7 @@ horizon decreases.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.errors import InputError
+from farhorizon import InputError
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,6 @@ def over_horizons(
     InputError
         Nothing to study, or horizons or ratios that are not positive.
     """
-    from farhorizon.engine.engine import available_threads
-
     if not len(horizons) or not len(ratios) or min(horizons) <= 0 or min(ratios) < 1:
         raise InputError(
             "a study needs positive horizons and at least one node in each",
@@ -139,7 +138,8 @@ def over_horizons(
     # start with the finest grid, so that no worker is left alone with it at the end
     cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
     found: list[dict[str, Any]] = [{}] * len(cells)
-    with ThreadPoolExecutor(workers or available_threads()) as pool:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with ThreadPoolExecutor(workers or cores) as pool:
         for i, result in zip(cost, pool.map(lambda i: measure(*cells[i]), cost), strict=True):
             found[i] = result
     shape = len(horizons), len(ratios)
