@@ -63,7 +63,7 @@ def append(writers, dim, k, vector=False):
         place = (..., *(slice(*ends) for ends in box))
         part.append(10 * k, 0.4 * k, {name: values[place] for name, values in fields.items()})
     whole = writers[-1][1]
-    whole.append_probes(np.array([0.4 * k]), np.ones((1, *whole._probes)))
+    whole.append_probes(np.array([0.4 * k]), np.ones((1, *whole._layout.probe_shape)))
     whole.append(10 * k, 0.4 * k, fields if whole.whole else {}, energy=5.0 - k)
 
 

@@ -134,14 +134,14 @@ class Comparison:
         printed = [row for row in rows if row.deviation is not None]
         off = [row for row in printed if not row.within(tolerance)]
         misprints = sum(row.corrected is not None for row in printed)
-        found = f"{len(printed) - len(off)} of them within {100 * tolerance:g} %"
+        ours = f"{len(printed) - len(off)} of them within {100 * tolerance:g} %"
         if len(off) < len(printed):
-            found += f", the largest deviation of these {max(_percent(row) for row in printed if row not in off):.1f} %"
+            ours += f", the largest deviation of these {max(_percent(row) for row in printed if row not in off):.1f} %"
         if misprints:
-            found += f", {misprints} of them after correcting a misprint"
+            ours += f", {misprints} of them after correcting a misprint"
         reasons = dict.fromkeys(row.reason for row in off)
         reason = "" if "" in reasons else "; ".join(reasons)
-        return cls(item, paper or f"{len(printed)} numbers", found, not off, reason)
+        return cls(item, paper or f"{len(printed)} numbers", ours, not off, reason)
 
 
 def _percent(row: Row) -> float:
@@ -174,7 +174,7 @@ class Outcome:
     def unexplained(self, tolerance: float) -> list[str]:
         """What deviates from the paper by more than `tolerance`, or contradicts it, without a known reason."""
         rows = [row.what for row in self.rows if not row.within(tolerance) and not row.reason]
-        return rows + [found.item for found in self.comparisons if not found.agrees and not found.reason]
+        return rows + [shown.item for shown in self.comparisons if not shown.agrees and not shown.reason]
 
 
 class RowFacts(TypedDict):
@@ -323,7 +323,7 @@ class Entry:
         }
 
     def as_json(self, outcome: Outcome) -> OutcomeFacts:
-        """Return an outcome as plain data."""
+        """An outcome as plain data."""
         rows = [_row_facts(row) for row in outcome.rows]
         pictures = [path.name for path in outcome.pictures]
         comparisons: list[ComparisonFacts] = [
@@ -403,24 +403,20 @@ class Collection:
         return entered
 
     def entries(self) -> dict[str, Entry]:
-        """Return all entries by name, in the order of the modules."""
+        """All entries by name, in the order of the modules."""
         for module in self.modules:
             importlib.import_module(f"{self.package}.{module}")
         return dict(self._entries)
 
     def names(self) -> list[str]:
-        """Return everything that `select` knows: entries, figures that they draw, groups of entries, and "all"."""
+        """Everything that `select` knows: entries, figures that they draw, groups of entries, and "all"."""
         entries = self.entries().values()
         figures = [name for entry in entries for name in entry.other_names]
         return [*self.entries(), *figures, *dict.fromkeys(entry.group for entry in entries), "all"]
 
     def select(self, name: str) -> list[Entry]:
-        """Return the entries of a name: one, all of a group such as a paper, or all.
-
-        Raises
-        ------
-        InputError
-            The name is unknown; the closest known one is suggested.
+        """The entries of a name: one, all of a group such as a paper, or all. InputError for an unknown name, with the
+        closest known one.
         """
         entries = self.entries()
         if name in entries:
@@ -438,7 +434,7 @@ class Collection:
         return chosen
 
     def find(self, name: str) -> Entry:
-        """Return the first entry of a name, as `select`."""
+        """The first entry of a name, as `select`."""
         return self.select(name)[0]
 
 
@@ -450,7 +446,7 @@ def _number(value: float) -> str:
 
 
 def outcome_table(outcome: Outcome, known: str, details: bool = True, tolerance: float = 0.0) -> str:
-    """Return the rows as text: the computed number, the known one under its heading, deviation, note.
+    """The rows as text: the computed number, the known one under its heading, deviation, note.
 
     Rows with a known number come first; without `details` those without one are left out, except for key ones. Reasons
     are those of deviations beyond `tolerance`.

@@ -75,7 +75,7 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
     """
     kinds.instance(model, "model", Elastic, "an Elastic model")
     spacing = kinds.number(spacing, "spacing", above=0)
-    wanted = kinds.number(fracture_energy, "fracture_energy", above=0)
+    energy = kinds.number(fracture_energy, "fracture_energy", above=0)
     dim = kinds.integer(dim, "dim", least=2, most=3)
     if model.uneven:
         raise InputError(
@@ -86,4 +86,4 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
         )
     factor = energy_factor(Simulation.of, model, spacing, dim)
     assert isinstance(model.kernel, Kernel)
-    return float(stretch_that_spends(wanted, factor, model.young, model.kernel.horizon))
+    return float(stretch_that_spends(energy, factor, model.young, model.kernel.horizon))

@@ -50,7 +50,7 @@ def test_outlines_of_cuts_lie_on_them(name):
 
 
 def test_edges_of_a_cube():
-    from farhorizon.simulation.time.outlines import edges
+    from farhorizon.simulation.time.output import edges
 
     lines = edges(np.zeros(3), np.array([1.0, 2.0, 3.0]))
     assert len(lines) == 12 and sum(np.ptp(line, axis=0).sum() for line in lines) == 4 * (1 + 2 + 3)
