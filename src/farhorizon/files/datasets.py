@@ -34,11 +34,11 @@ def dataset(
     return xarray_module().Dataset(data, coords)
 
 
-def put_units(whole: xarray.Dataset, units: Mapping[str, str], quantities: Mapping[str, tuple[str, ...]]) -> None:
+def put_units(variables: xarray.Dataset, units: Mapping[str, str], quantities: Mapping[str, tuple[str, ...]]) -> None:
     """Set the units of the variables of a Dataset, as far as those of the quantities that multiply to them are known; a
     variable without an entry measures the quantity of its own name.
     """
-    for name in whole.variables:
+    for name in variables.variables:
         factors = [units.get(quantity) for quantity in quantities.get(str(name), (str(name),))]
         if all(factors):
-            whole[name].attrs["units"] = " ".join(map(str, factors))
+            variables[name].attrs["units"] = " ".join(map(str, factors))

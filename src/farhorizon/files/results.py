@@ -474,7 +474,7 @@ class Results:
             "lower": list(self.lower),
             "cautions": [caution.text for caution in self.cautions],
         }
-        whole = xarray.Dataset(data, coords, attributes)
+        variables = xarray.Dataset(data, coords, attributes)
         for quantity, of_it in (
             ("length", [f"{before}{name}" for before in ("", "probe_") for name in names]),
             ("time", ["time", "probe_time", "history_time"]),
@@ -482,8 +482,8 @@ class Results:
             ("stress", [name for name in self.field_names if name.startswith("stress_")]),
         ):
             quantities |= dict.fromkeys(of_it, (quantity,))
-        put_units(whole, self.units, quantities)
-        return whole
+        put_units(variables, self.units, quantities)
+        return variables
 
 
 def open_results(path: str | Path, verify: bool = True) -> Results:

@@ -136,9 +136,9 @@ class Layout(NamedTuple):
             else:
                 make_field(data, name, self.stored_shape(name), dtype, compress)
             grow(offsets, name, "i8")
-            kind = "Scalars" if components == 1 else "Vectors"
-            if kind not in data.attrs:
-                put_word(data.attrs, kind, name)
+            attribute = "Scalars" if components == 1 else "Vectors"
+            if attribute not in data.attrs:
+                put_word(data.attrs, attribute, name)
         put_word(group.attrs, "format", FORMAT)
         attributes = {
             "version": RESULTS_VERSION,

@@ -298,8 +298,8 @@ class ResultsWriter:
             raise InputError(
                 "the results have something else of this name", value=records.name, key="name", remedy="another name"
             )
-        with self._opened() as (own, _):
-            group = own.require_group("recorded").create_group(records.name)
+        with self._opened() as (ours, _):
+            group = ours.require_group("recorded").create_group(records.name)
             group.attrs["rows"], group.attrs["directions"] = 0, records.directions
             group.attrs["medium"] = records.medium
             put_fixed(group, "points", np.asarray(records.points, float))

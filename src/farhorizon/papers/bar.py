@@ -106,10 +106,14 @@ class Bar:
         most = max((s.modes for s in self.sums if s is not None), default=0)
         poles, states = np.zeros((2, 2, most), complex)
         inputs, outputs = np.zeros((2, 2, most, reach), complex)
-        for side, found in enumerate(self.sums):
-            if found is not None:
-                used = slice(found.modes)
-                poles[side, used], inputs[side, used], outputs[side, used] = found.poles, found.inputs, found.outputs
+        for side, response in enumerate(self.sums):
+            if response is not None:
+                used = slice(response.modes)
+                poles[side, used], inputs[side, used], outputs[side, used] = (
+                    response.poles,
+                    response.inputs,
+                    response.outputs,
+                )
         return poles, inputs, outputs, states
 
     def acceleration(self) -> np.ndarray:
@@ -140,9 +144,9 @@ class Bar:
         names = ("poles", "inputs", "outputs", "states")
         modes = self._modes(self._ends.grounds.shape[1])
         self._ends = self._ends._replace(**dict(zip(names, modes, strict=True)))
-        for side, found in enumerate(self.sums):
-            if found is not None:
-                self._ends.states[side, : found.modes] = found.replay(histories[side])
+        for side, response in enumerate(self.sums):
+            if response is not None:
+                self._ends.states[side, : response.modes] = response.replay(histories[side])
 
     def release(self, node: int, increment: float) -> None:
         """Release a held node that is not a driver; `increment` is its velocity times dt."""

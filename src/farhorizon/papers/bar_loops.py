@@ -102,11 +102,11 @@ def bar_steps(
     force = np.empty(size)
     for step in range(offset, offset + count):
         bar_acceleration(u, bonds, force)
-        share = first if step == offset else 1.0
+        weight = first if step == offset else 1.0
         for side in range(2):
             for m in range(reach):
                 node = m if side == 0 else size - 1 - m
-                samples[side, step, m] = share * u[node]
+                samples[side, step, m] = weight * u[node]
                 total = past[side, step, m] - grounds[side, m] * u[node]
                 for p in range(poles.shape[1]):
                     total += (
@@ -170,9 +170,9 @@ def recursive_impulse(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
         t = step * dt
         _recursion_slope(state, weights, t, work, slopes[0])
         for stage in range(1, 4):
-            share = dt if stage == 3 else dt / 2
-            trial[:] = state + share * slopes[stage - 1]
-            _recursion_slope(trial, weights, t + share, work, slopes[stage])
+            ahead = dt if stage == 3 else dt / 2
+            trial[:] = state + ahead * slopes[stage - 1]
+            _recursion_slope(trial, weights, t + ahead, work, slopes[stage])
         state += dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
         g[step + 1] = state[0]
     return g

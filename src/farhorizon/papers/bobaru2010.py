@@ -127,9 +127,9 @@ def _settings(nodes: int | None, dt: float) -> list[Setting]:
     return [*grid, Setting("time step (s)", dt, 1e-6, note)]
 
 
-def difference(found: np.ndarray, classical: np.ndarray) -> float:
+def difference(computed: np.ndarray, classical: np.ndarray) -> float:
     """Difference that the paper plots for eq. 45: 1/N times the norm of the relative differences."""
-    return float(np.sqrt((((classical - found) / classical) ** 2).sum()) / found.size)
+    return float(np.sqrt((((classical - computed) / classical) ** 2).sum()) / computed.size)
 
 
 @cache

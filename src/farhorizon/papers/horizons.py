@@ -71,16 +71,16 @@ class Study:
             Fewer than two horizons.
         """
         _need_two(self.horizons, "a crossing")
-        one, other = self.values[-2:]
+        coarse, fine = self.values[-2:]
         place = np.log(self.ratios)
-        gap = one - other
+        gap = coarse - fine
         for i in range(len(gap)):
             if gap[i] == 0:
-                return float(self.ratios[i]), float(other[i])
+                return float(self.ratios[i]), float(fine[i])
             if i and gap[i - 1] * gap[i] < 0:
-                share = gap[i - 1] / (gap[i - 1] - gap[i])
-                at = place[i - 1] + share * (place[i] - place[i - 1])
-                return float(np.exp(at)), float(np.interp(at, place, other))
+                fraction = gap[i - 1] / (gap[i - 1] - gap[i])
+                at = place[i - 1] + fraction * (place[i] - place[i - 1])
+                return float(np.exp(at)), float(np.interp(at, place, fine))
         return np.nan, np.nan
 
 
@@ -137,17 +137,17 @@ def over_horizons(
     cells = [(h, m) for h in horizons for m in ratios]
     # start with the finest grid, so that no worker is left alone with it at the end
     cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
-    found: list[dict[str, Any]] = [{}] * len(cells)
+    measured: list[dict[str, Any]] = [{}] * len(cells)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with ThreadPoolExecutor(workers or cores) as pool:
         for i, result in zip(cost, pool.map(lambda i: measure(*cells[i]), cost), strict=True):
-            found[i] = result
+            measured[i] = result
     shape = len(horizons), len(ratios)
     return {
         name: Study(
             np.asarray(horizons, float),
             np.asarray(ratios, int),
-            np.array([f[name] for f in found], float).reshape(shape),
+            np.array([f[name] for f in measured], float).reshape(shape),
         )
-        for name in found[0]
+        for name in measured[0]
     }

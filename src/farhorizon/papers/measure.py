@@ -57,7 +57,7 @@ def measured_run(
     boundary: Side,
     times: Sequence[float],
     reference: Reference,
-    kept: Sequence[float] | None = None,
+    shown: Sequence[float] | None = None,
     probe: tuple[int, ...] | None = None,
     seconds: float = 0.0,
 ) -> Measured:
@@ -80,9 +80,9 @@ def measured_run(
         Time limit of the certificate; none if 0.
     """
     sim = Simulation(**{**setup, "boundary": boundary})
-    found = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
+    measured = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
     if seconds:
-        found.stability = _in_words(sim.certificate(seconds))
+        measured.stability = _in_words(sim.certificate(seconds))
     for number, t in enumerate(times):
         steps = round(t / sim.dt)
         try:
@@ -90,12 +90,12 @@ def measured_run(
         except UnstableError:
             break
         u = sim.fields["u"]
-        if kept is None or t in kept:
-            found.fields.append(u)
+        if shown is None or t in shown:
+            measured.fields.append(u)
         if probe is not None:
-            found.history[number] = u[probe]
-        found.errors[number] = np.nanmax(np.abs(u - reference(steps)))
-    return found
+            measured.history[number] = u[probe]
+        measured.errors[number] = np.nanmax(np.abs(u - reference(steps)))
+    return measured
 
 
 def _in_words(certificate: Certificate) -> str:
@@ -148,12 +148,12 @@ def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[f
         End of the run from white noise that measures the growth.
     """
     sim = Simulation(**{**setup, "boundary": boundary, "initial": None})
-    found = sim.certificate(_SECONDS)
-    if found.verdict == "undecided":
+    certificate = sim.certificate(_SECONDS)
+    if certificate.verdict == "undecided":
         return float(np.expm1(growth_from_noise(setup, boundary, until) * sim.dt)), "measured from noise"
-    if np.isnan(found.rate):
+    if np.isnan(certificate.rate):
         return 0.0, "at most: proof"
-    return float(np.expm1(found.rate * sim.dt)), found.verdict
+    return float(np.expm1(certificate.rate * sim.dt)), certificate.verdict
 
 
 def stability_note(setup: Mapping[str, Any], boundary: Side, until: float) -> str:
@@ -171,9 +171,7 @@ def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measur
     from farhorizon.pictures.curves import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
-    error_history(
-        {label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$"
-    )
+    error_history({label: (np.array(times), run.errors) for label, run in runs.items()}, path, ylabel, "", xlabel="$t$")
 
 
 def differences_picture(
@@ -188,8 +186,6 @@ def differences_picture(
     from farhorizon.pictures.fields import field_panels
 
     panels = [
-        (f"{label}, $t = {t:g}$", found.fields[-1] - exact)
-        for label, found in runs.items()
-        if np.isfinite(found.errors[-1])
+        (f"{label}, $t = {t:g}$", run.fields[-1] - exact) for label, run in runs.items() if np.isfinite(run.errors[-1])
     ]
     field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")

@@ -339,7 +339,7 @@ def _rows(
         note = f"by up to {steps} steps" + f"; the integral of u^2 rises at {rises} times" * (rises > 0)
         rows.append(Row(f"{name}, nodes that dissolve at another step than in the infinite medium", nodes, note=note))
     balances = [sim.balance() for sim in runs.values()]
-    residual = max(abs(found["residual"] / found["metal"]) for found in balances)
+    residual = max(abs(balance["residual"] / balance["metal"]) for balance in balances)
     rows.append(Row("residual of the mass balance / metal, the largest of all", residual))
     return rows
 

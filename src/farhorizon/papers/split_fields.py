@@ -36,12 +36,12 @@ class Gradient:
         """Derivative along an axis of values of shape (..., *box)."""
         dim, m = self.offsets.shape[1], self.reach
         wide = np.pad(values, [(0, 0)] * (values.ndim - dim) + [(m, m)] * dim)
-        found = np.zeros(values.shape)
+        derivative = np.zeros(values.shape)
         for offset, factor in zip(self.offsets, self.vectors[:, axis], strict=True):
             if factor:
                 ahead, behind = (self._moved(sign * offset, values.shape[-dim:]) for sign in (1, -1))
-                found += factor * (wide[ahead] - wide[behind])
-        return found
+                derivative += factor * (wide[ahead] - wide[behind])
+        return derivative
 
     def _moved(self, offset: np.ndarray, box: tuple[int, ...]) -> tuple[Any, ...]:
         """Index of the neighbours of all nodes in the box padded by one reach on each side."""

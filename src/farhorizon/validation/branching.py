@@ -48,10 +48,10 @@ def angle_of_branches(tips: CrackTips, place: np.ndarray) -> float:
     return float(np.ptp(np.degrees(np.arctan2(*(last - place).T[::-1]))))
 
 
-def time_of_parting(tips: CrackTips, others: CrackTips) -> float:
+def time_of_parting(tips: CrackTips, later: CrackTips) -> float:
     """First time at which the first tips of two runs are a quarter of a horizon apart; infinite if they never are."""
-    one, other = (found.data["position"][:, 0] for found in (tips, others))
-    apart = np.linalg.norm(one - other, axis=1) > 0.75 * SPACING
+    first, second = (tracked.data["position"][:, 0] for tracked in (tips, later))
+    apart = np.linalg.norm(first - second, axis=1) > 0.75 * SPACING
     return float(tips.times[np.argmax(apart)]) if apart.any() else np.inf
 
 
@@ -86,8 +86,8 @@ def branching(folder: Path) -> Outcome:
     ]
     picture = folder / "branching.png"
     rayleigh, both = RAYLEIGH * model.s_speed, (("infinite medium", tips), ("free edges", boxed))
-    speeds = [(name, one.times, one.data["speed"][:, 0] / rayleigh) for name, one in both]
-    cracks = [(name, *_drawn(one).T) for name, one in both]
+    speeds = [(name, tracked.times, tracked.data["speed"][:, 0] / rayleigh) for name, tracked in both]
+    cracks = [(name, *_drawn(tracked).T) for name, tracked in both]
     curve_panels(
         [("one tip", speeds), (f"cracks at t = {END:g}", cracks)],
         picture,

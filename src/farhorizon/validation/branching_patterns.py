@@ -55,15 +55,15 @@ def measured(sim: Simulation, tips: CrackTips, name: str) -> list[Row]:
     ]
 
 
-def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> None:
+def draw_patterns(runs: dict[tuple[float, int], Simulation], picture: Path) -> None:
     """Draw the final damage of all cracks, with one row per horizon and one column per number of spacings in it."""
     from farhorizon.pictures.images import cell_edges
     from farhorizon.pictures.style import figure_at
 
-    horizons = list(dict.fromkeys(horizon for horizon, _ in found))
+    horizons = list(dict.fromkeys(horizon for horizon, _ in runs))
     with figure_at(picture, (7.2, 0.6 + 0.62 * len(horizons))) as figure:
         panels = figure.subplots(len(horizons), len(REACHES), sharex=True, sharey=True, squeeze=False)
-        for (horizon, reach), sim in found.items():
+        for (horizon, reach), sim in runs.items():
             row, column = horizons.index(horizon), REACHES.index(reach)
             panel, axes = panels[row, column], sim.lattice.axes
             image = panel.imshow(
@@ -88,16 +88,16 @@ def branching_patterns(folder: Path, full: bool = False) -> Outcome:
     """Two horizons, or three with `full`, with two, three and four spacings in each."""
     from farhorizon.pictures.curves import curve_panels
 
-    rows, found, panels = [], {}, []
+    rows, runs, panels = [], {}, []
     for horizon in (*HORIZONS, SMALLEST) if full else HORIZONS:
         curves = [("Rayleigh waves", np.array([0.0, END]), np.ones(2))]
         for reach in REACHES:
             sim, tips = pattern(horizon, reach)
-            found[horizon, reach] = sim
+            runs[horizon, reach] = sim
             rows += measured(sim, tips, f"horizon {horizon:g}, {reach} spacings")
             curves.append((f"{reach} spacings in the horizon", tips.times, speeds(sim, tips)))
         panels.append((f"horizon {horizon:g}", curves))
     pictures = [folder / "branching-patterns.png", folder / "branching-speeds.png"]
-    draw_patterns(found, pictures[0])
+    draw_patterns(runs, pictures[0])
     curve_panels(panels, pictures[1], xlabel="t", ylabel="speed of the fastest tip / Rayleigh speed")
     return Outcome(rows, pictures=pictures)

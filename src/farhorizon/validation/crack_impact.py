@@ -139,11 +139,11 @@ def kalthoff(folder: Path) -> Outcome:
 
     rows, errors = [], []
     for spacing in SPACINGS:
-        found = hit(spacing)
-        some = np.linspace(0, len(found.times) - 1, RECORDS).round().astype(int)
-        times, computed = found.times[some], np.array([found.data[mode][some, 0] for mode in ("K_I", "K_II")])
-        wanted = intensities(times)
-        apart = np.abs(computed - wanted)[:, times > NEAR].max(1) / np.abs(wanted).max(1)
+        intensity = hit(spacing)
+        some = np.linspace(0, len(intensity.times) - 1, RECORDS).round().astype(int)
+        times, computed = intensity.times[some], np.array([intensity.data[mode][some, 0] for mode in ("K_I", "K_II")])
+        exact = intensities(times)
+        apart = np.abs(computed - exact)[:, times > NEAR].max(1) / np.abs(exact).max(1)
         errors.append(apart)
         rows += [
             Row(f"{mode}: largest difference, of the largest, spacing {spacing:g} l", float(error))
@@ -156,13 +156,13 @@ def kalthoff(folder: Path) -> Outcome:
     for way in (2.0, 3.0):
         at = int(np.argmin(np.abs(times - way * LENGTH / P_SPEED)))
         rows += [
-            Row(f"{mode} over the exact one at t = {way:g} l/c_P", float(computed[i, at] / wanted[i, at]), 1.0)
+            Row(f"{mode} over the exact one at t = {way:g} l/c_P", float(computed[i, at] / exact[i, at]), 1.0)
             for i, mode in enumerate(("K_I", "K_II"))
         ]
     unit = SHEAR / P_SPEED * np.sqrt(LENGTH / np.pi)
     way = times * P_SPEED / LENGTH
     panels = [
-        (in_words(mode), [("exact", way, wanted[i] / unit), ("computed", way, computed[i] / unit)])
+        (in_words(mode), [("exact", way, exact[i] / unit), ("computed", way, computed[i] / unit)])
         for i, mode in enumerate(("K_I", "K_II"))
     ]
     picture = folder / "kalthoff.png"

@@ -96,10 +96,10 @@ def powers(above: np.ndarray, below: np.ndarray, count: int) -> np.ndarray:
     """Power series coefficients of ``prod (1 - z/a)^(1/2) / prod (1 - z/b)^(1/2)``."""
     n = np.arange(1, count)
     rates = ((below[:, None] ** -n).sum(0) - (above[:, None] ** -n).sum(0)).real / 2
-    found = np.ones(count)
+    coefficients = np.ones(count)
     for i in range(1, count):
-        found[i] = rates[:i] @ found[i - 1 :: -1] / i
-    return found
+        coefficients[i] = rates[:i] @ coefficients[i - 1 :: -1] / i
+    return coefficients
 
 
 def history(speed: float, steps: int, load: np.ndarray, ahead: int) -> tuple[np.ndarray, np.ndarray]:
@@ -150,8 +150,8 @@ def ratio(speed: float) -> float:
         return np.asarray(h * (h + 4))
 
     signs = np.sign(product(k))
-    found = [brentq(product, k[i], k[i + 1], xtol=1e-13) for i in np.flatnonzero(signs[1:] != signs[:-1])]
-    return float(np.prod(found[::2]) / np.prod(found[1::2]))
+    roots = [brentq(product, k[i], k[i + 1], xtol=1e-13) for i in np.flatnonzero(signs[1:] != signs[:-1])]
+    return float(np.prod(roots[::2]) / np.prod(roots[1::2]))
 
 
 def load(behind: np.ndarray, distance: float = DISTANCE) -> np.ndarray:
@@ -247,15 +247,15 @@ def lattice_fracture(folder: Path) -> Outcome:
     """Load against speed, bonds ahead of the tip and along the faces, and the crack at rest."""
     from farhorizon.pictures.curves import curve_panels
 
-    rows, found, panels, in_time = [], [], [], "{:.5g} in continuous time"
+    rows, ratios, panels, in_time = [], [], [], "{:.5g} in continuous time"
     for speed in SPEEDS:
         steps = int(np.ceil(1 / (speed * LONGEST)))
-        computed, wanted = computed_rows(speed, steps), exact_rows(speed, steps)
-        ours, exact = read(computed, steps), read(wanted, steps)
-        found.append(2 * ours.opening**2 / release_rate(speed))
-        apart = float(np.abs(computed - wanted).max() / exact.opening)
+        computed, solution = computed_rows(speed, steps), exact_rows(speed, steps)
+        ours, exact = read(computed, steps), read(solution, steps)
+        ratios.append(2 * ours.opening**2 / release_rate(speed))
+        apart = float(np.abs(computed - solution).max() / exact.opening)
         rows += [
-            Row(f"v = {speed:g}: G0/G", found[-1], ratio_of_steps(speed, steps), note=in_time.format(ratio(speed))),
+            Row(f"v = {speed:g}: G0/G", ratios[-1], ratio_of_steps(speed, steps), note=in_time.format(ratio(speed))),
             Row(f"v = {speed:g}: largest elongation before, of that as the bond opens", ours.before, exact.before),
             Row(f"v = {speed:g}: largest elongation along the faces, of that", ours.beside, exact.beside),
             Row(f"v = {speed:g}: largest difference from the exact history, of that", apart, 0.0),
@@ -264,15 +264,15 @@ def lattice_fracture(folder: Path) -> Outcome:
             x = np.arange(-AHEAD * steps, BEHIND * steps) / steps
             here = np.abs(x) <= BEHIND
             curves = [
-                (name, x[here], one[0, here] / exact.opening)
-                for name, one in (("exact", wanted), ("computed", computed))
+                (name, x[here], motion[0, here] / exact.opening)
+                for name, motion in (("exact", solution), ("computed", computed))
             ]
             panels.append((f"a bond as the tip passes, v = {speed:g}", curves))
     trapped = zip(("goes on", "heals"), at_rest(), (np.sqrt(2) - 1, np.sqrt(2) + 1), strict=True)
     rows += [Row(f"G0/G at which a crack at rest {what}", ours, float(exact)) for what, ours, exact in trapped]
     speeds = np.linspace(0.03, 0.99, 800)
     points = np.full((2, 2 * len(SPEEDS)), np.nan)
-    points[:, ::2] = SPEEDS, found
+    points[:, ::2] = SPEEDS, ratios
     loads = [("exact", speeds, np.array([ratio(v) for v in speeds])), ("computed", *points)]
     picture = folder / "lattice-fracture.png"
     curve_panels(

@@ -92,9 +92,9 @@ def _outcome(
     panels = []
     for sim, r, _ in [run(dim, size, boundary, size, STEPS[1], breadth), fine] if size < until else [fine]:
         distances, first = np.unique(r, return_index=True)
-        found = sim.fields["u"].ravel()[first]
+        computed = sim.fields["u"].ravel()[first]
         exact = released(distances, sim.time, dim, breadth=breadth)
-        panels.append((f"t = {sim.time:g}", [("exact", distances, exact), ("computed", distances, found)]))
+        panels.append((f"t = {sim.time:g}", [("exact", distances, exact), ("computed", distances, computed)]))
     picture = folder / f"{name}.png"
     curve_panels(panels, picture, xlabel="distance from the middle", ylabel="u")
     return Outcome(rows, pictures=[picture])

@@ -158,14 +158,14 @@ def shock(folder: Path) -> Outcome:
         for computed in (False, True):
             sim = run(spacing, computed)
             for time in (EARLY, UNTIL):
-                x, found, wanted = compared(sim, time)
-                error = float(np.abs(found - wanted).mean() / np.abs(wanted).max())
+                x, moved, exact = compared(sim, time)
+                error = float(np.abs(moved - exact).mean() / np.abs(exact).max())
                 of = "computed" if computed else "exact"
                 rows.append(Row(f"mean difference, t = {time:g}, {of} temperature, spacing {spacing:g}", error))
                 if not computed:
                     errors.append(error)
                 if spacing == SPACINGS[-1] and not computed:
-                    panels.append((f"t = {time:g}", [("exact", x, wanted), ("computed", x, found)]))
+                    panels.append((f"t = {time:g}", [("exact", x, exact), ("computed", x, moved)]))
     orders = np.log2(np.array(errors[:2]) / errors[2:])
     rows += [
         Row(f"order in the spacing, t = {time:g}", float(o)) for time, o in zip((EARLY, UNTIL), orders, strict=True)
@@ -175,11 +175,11 @@ def shock(folder: Path) -> Outcome:
         sim = coupled_run(spacing).run(EARLY, progress=False)
         x = sim.lattice.axes[0]
         some = np.flatnonzero(x > 0)[::_EVERY]
-        found, wanted = sim.fields["u"][0, some, 4] / STRAIN, coupled_displacement(x[some], sim.time, COUPLING)
-        errors.append(float(np.abs(found - wanted).mean() / np.abs(wanted).max()))
+        moved, exact = sim.fields["u"][0, some, 4] / STRAIN, coupled_displacement(x[some], sim.time, COUPLING)
+        errors.append(float(np.abs(moved - exact).mean() / np.abs(exact).max()))
         rows.append(Row(f"mean difference, t = {EARLY:g}, coupled ({COUPLING:g}), spacing {spacing:g}", errors[-1]))
     rows.append(Row(f"order in the spacing, t = {EARLY:g}, coupled", float(np.log2(errors[0] / errors[1]))))
-    panels.append((f"t = {EARLY:g}, coupled", [("exact", x[some], wanted), ("computed", x[some], found)]))
+    panels.append((f"t = {EARLY:g}, coupled", [("exact", x[some], exact), ("computed", x[some], moved)]))
     picture = folder / "thermal-shock.png"
     curve_panels(panels, picture, xlabel="depth", ylabel="displacement")
     return Outcome(rows, pictures=[picture])
