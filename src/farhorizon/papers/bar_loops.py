@@ -29,14 +29,7 @@ def bar_acceleration(u: np.ndarray, bonds: np.ndarray, out: np.ndarray) -> None:
 
 
 class HeldNodes(NamedTuple):
-    """Nodes of a bar with prescribed values.
-
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (h,)
-    values : ndarray, shape (count, h)
-        Values after each step.
-    """
+    """Nodes of a bar with prescribed values, shape (h,), and their values after each step, shape (count, h)."""
 
     nodes: np.ndarray
     values: np.ndarray
@@ -83,19 +76,8 @@ def bar_steps(
     offset: int,
     count: int,
 ) -> None:
-    """Advance a bar by `count` steps, starting at step `offset` of a block.
-
-    Parameters
-    ----------
-    u, d : ndarray, shape (N,)
-        State and increment, updated in place.
-    bonds : ndarray, shape (K, N)
-    keep, scale : float
-    held : HeldNodes
-    ends : BarEnds
-    first : float
-        Weight of the first sample of this call.
-    offset, count : int
+    """Advance the state u and the increment d of a bar, shape (N,), in place by `count` steps, starting at step
+    `offset` of a block; the first sample of this call has the weight `first`.
     """
     grounds, heads, past, samples, poles, inputs, outputs, states = ends
     reach, size = bonds.shape[0], u.size

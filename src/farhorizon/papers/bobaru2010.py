@@ -56,12 +56,7 @@ SLOPES = {
 
 @dataclass(frozen=True)
 class DiffusionExample:
-    """One of the paper's bars.
-
-    Attributes
-    ----------
-    number : {1, 2, 3}
-    """
+    """One of the paper's bars, 1 to 3."""
 
     number: int
 
@@ -90,17 +85,8 @@ class DiffusionExample:
     def simulation(
         self, kernel: str, horizon: float, ratio: int, dt: float, *, kind: str = "node"
     ) -> tuple[Simulation, slice]:
-        """The bar on a grid, and the slice of the nodes that belong to it; Runge-Kutta-Chebyshev with as many stages
-        as dt requires.
-
-        Parameters
-        ----------
-        kernel : {"constant", "triangular"}
-        horizon : float
-        ratio : int
-            m, the number of grid spacings in the horizon; the grid has ``L m / horizon`` nodes, rounded.
-        dt : float
-        kind : {"node", "volume"}
+        """The bar on a grid of ``L m / horizon`` nodes, rounded, where m is the number of spacings in the horizon, and
+        the slice of the nodes that belong to it; Runge-Kutta-Chebyshev with as many stages as dt requires.
         """
         nodes = round(self.length * ratio / horizon)
         spacing = self.length / nodes

@@ -279,13 +279,8 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
 
 
 def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
-    """Energy of a square of bilinear elements, eq 55, at unit speed, with lumped masses.
-
-    Parameters
-    ----------
-    u, v : ndarray, shape (n, n)
-        Values and their time derivatives.
-    spacing : float
+    """Energy of a square of bilinear elements, eq 55, at unit speed, with lumped masses, from values and their time
+    derivatives, shape (n, n).
     """
     across, along = np.diff(u, axis=0), np.diff(u, axis=1)
     gradient = sum(
@@ -297,15 +292,10 @@ def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
 
 
 class Continuum:
-    """Example 1 in the infinite continuum: a Gaussian in a viscous membrane, as a Hankel integral.
+    """Example 1 in the infinite continuum up to a time: a Gaussian in a viscous membrane, as a Hankel integral, whose
+    integrand oscillates faster at later times.
 
     Dispersion makes the elements differ from it until the wave front has left the near field, hardly afterwards.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    until : float
-        Latest time, on which the number of quadrature points depends: later integrands oscillate faster.
     """
 
     def __init__(self, lattice: Lattice, until: float) -> None:

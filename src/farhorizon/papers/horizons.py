@@ -41,12 +41,7 @@ class Study:
 
     def rates(self, last: int | None = None) -> np.ndarray:
         """Slope of the logarithm of the values over that of the horizon for each m, by least squares, shape (M,), over
-        the `last` horizons (all unless given).
-
-        Raises
-        ------
-        InputError
-            Values that are not positive, or fewer than two horizons.
+        the `last` horizons (all unless given). InputError for values that are not positive.
         """
         first = 0 if last is None else max(0, len(self.horizons) - last)
         horizons, values = self.horizons[first:], self.values[first:]
@@ -62,13 +57,8 @@ class Study:
         return np.polyfit(np.log(horizons), np.log(values), 1)[0]
 
     def crossing(self) -> tuple[float, float]:
-        """Return the number of nodes m* at which the curves over log m of the last two horizons cross, and the value
-        there; nan if they do not cross.
-
-        Raises
-        ------
-        InputError
-            Fewer than two horizons.
+        """The number of nodes m* at which the curves over log m of the last two horizons cross, and the value there;
+        nan if they do not cross.
         """
         _need_two(self.horizons, "a crossing")
         coarse, fine = self.values[-2:]
@@ -85,12 +75,7 @@ class Study:
 
 
 def _need_two(horizons: np.ndarray, what: str) -> None:
-    """Refuse a study of fewer than two horizons.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a study of fewer than two horizons."""
     if len(horizons) < 2:
         raise InputError(
             f"{what} needs two horizons",
@@ -107,26 +92,9 @@ def over_horizons(
     ratios: Sequence[int],
     workers: int | None = None,
 ) -> dict[str, Study]:
-    """Measure for all combinations of horizons and numbers of nodes in the horizon.
-
-    Parameters
-    ----------
-    measure : callable
-        Takes a horizon and m, and returns numbers by name. Simulations in it should use one thread.
-    horizons : sequence of float
-    ratios : sequence of int
-    workers : int, optional
-        Number of simultaneous runs (threads; the compiled loop releases the interpreter lock); unless given, the number
-        of available cores.
-
-    Returns
-    -------
-    dict of str to Study
-
-    Raises
-    ------
-    InputError
-        Nothing to study, or horizons or ratios that are not positive.
+    """Measure numbers by name for all combinations of horizons and numbers m of nodes in the horizon, several at a
+    time: in threads, of which there is one for each core unless given, because the compiled loop releases the
+    interpreter lock. Simulations in `measure` should use one thread.
     """
     if not len(horizons) or not len(ratios) or min(horizons) <= 0 or min(ratios) < 1:
         raise InputError(

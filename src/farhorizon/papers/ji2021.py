@@ -56,20 +56,10 @@ def bar_weights() -> np.ndarray:
 
 
 def impulse_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
-    """g_0 .. g_(2K-1) of the infinite chain at t = 0, dt, .. (eqs 22 to 24), exact in time.
+    """g_0 .. g_(2K-1) of the infinite chain at t = 0, dt, .. (eqs 22 to 24), exact in time; shape (steps + 1, 2K).
 
     The trapezoidal rule for the integral over wavenumbers gives the response of a periodic chain, which is made so long
     that waves that travel round it are below rounding.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-    dt : float
-    steps : int
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, 2K)
     """
     zone = np.linspace(0, np.pi, 4097)
     travel = np.abs(np.gradient(np.sqrt(symbol(weights, zone)), zone)).max() * dt * steps
@@ -98,21 +88,10 @@ def recursive_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray
 
 def semi_discrete_kernel(weights: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
     """Ghost kernels f of the half-infinite chain by the trapezoidal rule (eq 34), as a quotient of power series in the
-    shift by dt.
+    shift by dt; shape (steps + 1, K, K), for the ghosts -n (n = 0 .. K - 1) and the drivers m = 1 .. K.
 
     With P[a, n, l] = sum over k > l of a_k g_|k + n - l| and R[a, n, m - 1] = sum over k of a_(k + m) g_|k - n|, eq 34
     reads ``f + dt P * f = R``. (I + dt P) is inverted by Newton's method for power series, with products by FFT.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-    g : ndarray, shape (steps + 1, 2K)
-    dt : float
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, K, K)
-        f of the ghosts -n (n = 0 .. K - 1) and the drivers m = 1 .. K.
     """
     reach = weights.size
     left, right = np.zeros((2, len(g), reach, reach))

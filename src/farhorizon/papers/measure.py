@@ -61,23 +61,11 @@ def measured_run(
     probe: tuple[int, ...] | None = None,
     seconds: float = 0.0,
 ) -> Measured:
-    """Run a set-up with a boundary and compare it with the infinite medium.
+    """Run a set-up (arguments of `Simulation`) with a boundary and compare it at some times with the infinite medium,
+    whose field after a number of steps is `reference`.
 
-    Parameters
-    ----------
-    setup : mapping
-        Arguments of `Simulation`.
-    boundary : Side
-    times : sequence of float
-        Times at which they are compared.
-    reference : callable
-        Field of the infinite medium after a number of steps.
-    kept : sequence of float, optional
-        Times, a subset of `times`, at which the field is kept; all if not given.
-    probe : tuple of int, optional
-        Node whose history is recorded.
-    seconds : float
-        Time limit of the certificate; none if 0.
+    The field is kept at a subset of the times (all unless given), the history at one node `probe`; a certificate takes
+    up to `seconds`, and is not asked if that is 0.
     """
     sim = Simulation(**{**setup, "boundary": boundary})
     measured = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
@@ -136,16 +124,8 @@ def growth_from_noise(setup: Mapping[str, Any], boundary: Side, until: float) ->
 
 
 def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[float, str]:
-    """Spectral radius of the complete step minus 1, and how it was determined: by the certificate, or by measurement if
-    the certificate remains undecided within seconds.
-
-    Parameters
-    ----------
-    setup : mapping
-        Arguments of `Simulation`; the near field should be small, so that a certificate is computed quickly.
-    boundary : Side
-    until : float
-        End of the run from white noise that measures the growth.
+    """Spectral radius of the complete step minus 1, and how it was determined: by the certificate, for which the near
+    field should be small, or by the growth of white noise until a time if that remains undecided within seconds.
     """
     sim = Simulation(**{**setup, "boundary": boundary, "initial": None})
     certificate = sim.certificate(_SECONDS)

@@ -150,13 +150,8 @@ class CorrosionExample:
 
 
 class OpenMedium:
-    """The infinite medium on the nodes of a near field.
-
-    Parameters
-    ----------
-    far : Simulation
-        Run on a domain from whose edges nothing returns: in 2D while there is metal, in 3D up to the end.
-    near : Lattice
+    """The infinite medium on the nodes of a near field, by a run on a domain from whose edges nothing returns: in 2D
+    while there is metal, in 3D up to the end.
     """
 
     def __init__(self, far: Simulation, near: Lattice) -> None:
@@ -242,17 +237,8 @@ class Course:
 def follow(
     example: CorrosionExample, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]
 ) -> Course:
-    """Run all closures and compare them with the infinite medium.
-
-    Parameters
-    ----------
-    example : CorrosionExample
-    runs : dict of str to Simulation
-        Result of `CorrosionExample.closed`, before the first step.
-    times : list of float
-        Ascending times, which include `shown`.
-    shown : tuple of float
-        Times at which the fields are kept.
+    """Run all closures of an example to ascending times and compare them with the infinite medium; the fields are kept
+    at some of these times.
     """
     medium, cell = example.medium(), example.spacing**example.region.dim
     dt = medium.far.dt

@@ -16,14 +16,7 @@ from farhorizon import Elastic, Kernel, NonlocalPML, Stencil
 
 
 class Gradient:
-    """Derivatives ``sum_k g_kb u(i + o_k)`` on a box of nodes; values beyond the box are zero, and shape tensors are 1.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    dim : int
-    """
+    """Derivatives ``sum_k g_kb u(i + o_k)`` on a box of nodes; values beyond it are zero, and shape tensors are 1."""
 
     def __init__(self, kernel: Kernel, spacing: float, dim: int) -> None:
         offsets, weights = Stencil.family(kernel, spacing, dim)
@@ -54,18 +47,8 @@ class Gradient:
 
 
 class SplitFields:
-    """A box of nodes with layers on all sides, beyond which the displacement is zero.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    u : ndarray, shape (dim, *box)
-        Initial displacements including the layers; the initial velocity is zero.
-    layer : NonlocalPML
-    dt : float
-    young, poisson : float
-        Plane strain in two dimensions; the density is 1.
+    """A box of nodes with layers on all sides, beyond which the displacement is zero: initial displacements including
+    the layers, shape (dim, *box), at rest, in plane strain in two dimensions; the density is 1.
     """
 
     def __init__(

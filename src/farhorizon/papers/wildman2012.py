@@ -592,13 +592,8 @@ YOUNG, ENERGY_RELEASE = 65e9, 204.0
 
 
 def loaded_half_space(load: float, dt: float = 20e-9) -> Simulation:
-    """Half-space of section 3B under a load in N: 141 x 71 nodes with the layers.
-
-    Parameters
-    ----------
-    load : float
-    dt : float
-        Time step; that of the paper is 1 ns, a two-hundredth of the limit.
+    """Half-space of section 3B under a load in N: 141 x 71 nodes with the layers. The time step of the paper is 1 ns, a
+    two-hundredth of the limit.
     """
     lattice = Lattice(GRID, (-40 * GRID, -40 * GRID), (40 * GRID, 0.0))
     edge = (_SURFACE + 0.5) * GRID

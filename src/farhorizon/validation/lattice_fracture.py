@@ -103,23 +103,8 @@ def powers(above: np.ndarray, below: np.ndarray, count: int) -> np.ndarray:
 
 
 def history(speed: float, steps: int, load: np.ndarray, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Motion of row 0 under a load.
-
-    Parameters
-    ----------
-    speed : float
-    steps : int
-        Time steps between the openings of two neighbouring bonds.
-    load : ndarray, shape (n,)
-        Force on row 0 at j = 0, -1, ...
-    ahead : int
-
-    Returns
-    -------
-    behind : ndarray, shape (n,)
-        U at j = 0, -1, ...
-    ahead : ndarray, shape (ahead,)
-        U at j = 1, 2, ...
+    """Motion U of row 0 behind the tip, at j = 0, -1, ..., and at j = 1 .. `ahead`, under a force on row 0 at j = 0,
+    -1, ...; `steps` are the time steps between the openings of two neighbouring bonds.
     """
     high, low = zeros(speed, steps, 4.0), zeros(speed, steps, 0.0)
     first = np.sqrt(np.sqrt(np.abs(np.prod(high.outer) / np.prod(low.outer))))

@@ -56,15 +56,7 @@ _EVERY = 4  # nodes between the depths at which the coupled solution is computed
 
 
 def displacement(x: np.ndarray, t: float) -> np.ndarray:
-    """Exact displacement, in its unit.
-
-    Parameters
-    ----------
-    x : ndarray
-        Depths >= 0.
-    t : float
-        > 0.
-    """
+    """Exact displacement at depths x >= 0 and a time t > 0, in its unit."""
     root, spread = np.sqrt(t), np.exp(-(x**2) / (4 * t))
     near, far = root - x / (2 * root), root + x / (2 * root)
     # erfcx of positive numbers avoids exp(t), which overflows; behind the front the exponentials cancel
@@ -74,16 +66,8 @@ def displacement(x: np.ndarray, t: float) -> np.ndarray:
 
 
 def coupled_displacement(x: np.ndarray, t: float, coupling: float) -> np.ndarray:
-    """Exact displacement with coupling, in its unit: inverse Laplace transform along a line, accurate to 1e-5.
-
-    Parameters
-    ----------
-    x : ndarray
-        Depths >= 0.
-    t : float
-        > 0.
-    coupling : float
-        > 0.
+    """Exact displacement with coupling at depths x >= 0 and a time t > 0, in its unit: inverse Laplace transform along
+    a line, accurate to 1e-5.
     """
     period = 2 * t
     angles = np.pi * np.arange(_TERMS) / period
@@ -119,13 +103,8 @@ def _solid(spacing: float) -> Elastic:
 
 
 def run(spacing: float, computed: bool = False) -> Simulation:
-    """Part of the half-space, periodic along its face, before the first step.
-
-    Parameters
-    ----------
-    spacing : float
-    computed : bool
-        Compute the temperature in a run of its own, whose outermost nodes are held, instead of using the exact one.
+    """Part of the half-space, periodic along its face, before the first step; the temperature is exact or `computed` in
+    a run of its own, whose outermost nodes are held.
     """
     lower = -1.5 * spacing if computed else spacing / 2  # the wall is the inner edge of two layers of held nodes
     lattice, sides, kernel = _layer(spacing, lower)
