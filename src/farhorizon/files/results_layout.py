@@ -3,7 +3,7 @@
 A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it directly:
 ``/VTKHDF`` contains the fields as point data, one chunked record per output, in VTK's order (x fastest), on a lattice
 padded to three dimensions. ``/farhorizon`` contains what VTK does not know: case text, program, lattice, and the tables
-of `tables_in`, each with the number of its valid rows; ``finished`` says whether the run reached its end. Every dataset
+of `table_in`, each with the number of its valid rows; ``finished`` says whether the run reached its end. Every dataset
 has a checksum (Fletcher 32) per chunk, and so has all metadata in HDF5's format 1.10.
 
 It is written through `farhorizon.files.storage`: if a process is killed, or a disk is full, the file stays as it was
@@ -184,23 +184,25 @@ def checked_group(file: Any, path: Path) -> Any:
     return group
 
 
-def tables_in(file: Any) -> dict[str, Table]:
-    """The tables of a file: its "outputs" with their fields (which in a file in parts each part has), the "history" of
-    energy and balance, the "records" of the probes, and those of recorders under their "recorded/NAME".
+def table_names(file: Any) -> list[str]:
+    """Names of the tables of a file."""
+    return ["outputs", "history", "records", *(f"recorded/{name}" for name in file["farhorizon"].get("recorded", {}))]
+
+
+def table_in(file: Any, name: str) -> Table:
+    """A table of a file: its "outputs" with their fields (which in a file in parts each part has), the "history" of
+    energy and balance, the "records" of the probes, those of a recorder under "recorded/NAME".
 
     The outputs have the numbers of rows of history and records that existed when they were appended.
     """
     vtk, group = file["VTKHDF"], file["farhorizon"]
+    if name != "outputs":
+        records = group[name]
+        return Table({"times": records["times"], **records.get("data", records)}, records.attrs)
     fields = {} if "parts" in group else {name: data for name, data in vtk["PointData"].items() if name != FIELD}
     offsets = {f"offsets/{name}": data for name, data in vtk["Steps/PointDataOffsets"].items()}
     columns = {name: group[name] for name in ("steps", "history_rows", "record_rows")}
-    outputs = Table({"times": vtk["Steps/Values"], **columns, **offsets, **fields}, group.attrs, "outputs")
-    plain = {name: Table(dict(group[name]), group[name].attrs) for name in ("history", "records")}
-    recorded = {
-        f"recorded/{name}": Table({"times": records["times"], **records["data"]}, records.attrs)
-        for name, records in group.get("recorded", {}).items()
-    }
-    return {"outputs": outputs, **plain, **recorded}
+    return Table({"times": vtk["Steps/Values"], **columns, **offsets, **fields}, group.attrs, "outputs")
 
 
 class Counts(NamedTuple):
@@ -211,12 +213,12 @@ class Counts(NamedTuple):
     records: int
 
     @classmethod
-    def of(cls, tables: dict[str, Table], path: Path) -> Counts:
+    def of(cls, file: Any, path: Path) -> Counts:
         """The counted rows as far as the tables hold them; the last output, and what belongs to it, may be missing."""
-        table = tables["outputs"]
+        table = table_in(file, "outputs")
         outputs = table.held(path, max(table.counted - 1, 0))
         rows, records = (
-            tables[name].held(path, int(table.columns[noted][outputs - 1]) if outputs else 0)
+            table_in(file, name).held(path, int(table.columns[noted][outputs - 1]) if outputs else 0)
             for name, noted in (("history", "history_rows"), ("records", "record_rows"))
         )
         return cls(outputs, rows, records)

@@ -14,7 +14,6 @@ import numpy as np
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.hdf5 import (
     CHUNK_ROWS,
-    Table,
     directory_of,
     grow,
     hdf5_file,
@@ -37,7 +36,8 @@ from farhorizon.files.results_layout import (
     chunk_of,
     list_outputs,
     stored_boxes,
-    tables_in,
+    table_in,
+    table_names,
     vtk_shape,
 )
 from farhorizon.files.storage import created
@@ -88,12 +88,10 @@ class ResultsWriter:
         self.path = Path(path)
         with opened(self.path, "r", "results file") as file:
             self._layout = layout = Layout.of(file, self.path)
-            tables = tables_in(file)
-            self.outputs, self.rows, self.records = Counts.of(tables, self.path)
-            self.last_step = int(tables["outputs"].columns["steps"][self.outputs - 1]) if self.outputs else None
-            self.recorded = {
-                name.removeprefix("recorded/"): table.counted for name, table in tables.items() if "/" in name
-            }
+            self.outputs, self.rows, self.records = Counts.of(file, self.path)
+            self.last_step = int(file["farhorizon/steps"][self.outputs - 1]) if self.outputs else None
+            recorders = [name for name in table_names(file) if "/" in name]
+            self.recorded = {name.removeprefix("recorded/"): table_in(file, name).counted for name in recorders}
         self.shape, self.components, self.accounts = layout.shape, layout.components, layout.accounts
         self.fields, self.whole = tuple(layout.components), not len(layout.boxes)
 
@@ -197,8 +195,8 @@ class ResultsWriter:
         with opened(path, "r", "results file") as file:
             read_indices(checked_group(file, path).parent)
         with opened(path, "r+", "results file") as file:
-            layout, tables = Layout.of(file, path), tables_in(file)
-            held, columns = Counts.of(tables, path), tables["outputs"].columns
+            layout, tables = Layout.of(file, path), {name: table_in(file, name) for name in table_names(file)}
+            held, columns = Counts.of(file, path), tables["outputs"].columns
             _check_held(path, "outputs", held.outputs, outputs)
             kept = {"outputs": outputs}
             for name, given, noted, what, count in (
@@ -221,10 +219,10 @@ class ResultsWriter:
         return cls(path)
 
     @contextmanager
-    def _opened(self) -> Iterator[tuple[Any, dict[str, Table]]]:
-        """The group of what VTK does not know, and the tables, to be changed."""
+    def _opened(self) -> Iterator[Any]:
+        """The file, to be changed."""
         with opened(self.path, "r+", "results file") as file:
-            yield file["farhorizon"], tables_in(file)
+            yield file
 
     def append(
         self,
@@ -243,18 +241,18 @@ class ResultsWriter:
         """
         self._check(step, fields)
         n, rows = self.outputs, self.rows
-        with self._opened() as (group, tables):
+        with self._opened() as file:
             if energy is not None or balance is not None:
                 entries = [np.nan if balance is None else balance[name] for name in self.accounts]
                 energies = [np.nan if energy is None else energy]
-                rows = tables["history"].put(rows, {"times": [time], "energy": energies, "balance": [entries]})
+                rows = table_in(file, "history").put(rows, {"times": [time], "energy": energies, "balance": [entries]})
             noted = {"times": [time], "steps": [step], "history_rows": [rows], "record_rows": [self.records]}
             offsets = {f"offsets/{name}": [0 if name == FIELD else n] for name in (*self.fields, FIELD)}
-            columns = tables["outputs"].columns
-            stored = {name: self._stored(name, values, columns[name].dtype) for name, values in fields.items()}
-            tables["outputs"].put(n, {**noted, **offsets, **stored})
-            put_word(group.attrs, "cautions", json.dumps(list(cautions)))
-            list_outputs(group.parent, self._layout, self.path, n + 1)
+            table = table_in(file, "outputs")
+            stored = {name: self._stored(name, values, table.columns[name].dtype) for name, values in fields.items()}
+            table.put(n, {**noted, **offsets, **stored})
+            put_word(file["farhorizon"].attrs, "cautions", json.dumps(list(cautions)))
+            list_outputs(file, self._layout, self.path, n + 1)
         self.outputs, self.rows, self.last_step = n + 1, rows, int(step)
 
     def _check(self, step: int, fields: Mapping[str, np.ndarray]) -> None:
@@ -289,8 +287,8 @@ class ResultsWriter:
 
     def finish(self) -> None:
         """Record that the run has reached its end; `resume` revokes this."""
-        with self._opened() as (group, _):
-            group.attrs["finished"] = True
+        with self._opened() as file:
+            file["farhorizon"].attrs["finished"] = True
 
     def hold(self, records: Recorded) -> None:
         """Create empty datasets for the records of a recorder, with the quantities and shapes of `records`."""
@@ -298,8 +296,8 @@ class ResultsWriter:
             raise InputError(
                 "the results have something else of this name", value=records.name, key="name", remedy="another name"
             )
-        with self._opened() as (ours, _):
-            group = ours.require_group("recorded").create_group(records.name)
+        with self._opened() as file:
+            group = file["farhorizon"].require_group("recorded").create_group(records.name)
             group.attrs["rows"], group.attrs["directions"] = 0, records.directions
             group.attrs["medium"] = records.medium
             put_fixed(group, "points", np.asarray(records.points, float))
@@ -321,19 +319,19 @@ class ResultsWriter:
     def conclude(self, records: Recorded) -> None:
         """Store what follows from all records, replacing what followed from an earlier end of the run."""
         if self.recorded.pop(records.name, None) is not None:
-            with self._opened() as (group, _):
-                del group["recorded"][records.name]
+            with self._opened() as file:
+                del file["farhorizon/recorded"][records.name]
         self.hold(records)
         self.append_recorded(records)
 
     def append_recorded(self, records: Recorded) -> None:
         """Append the rows of a recorder, and replace its stored spectra."""
-        count = self.recorded[records.name]
-        with self._opened() as (group, tables):
+        count, place = self.recorded[records.name], f"recorded/{records.name}"
+        with self._opened() as file:
             if len(records.times):
-                count = tables[f"recorded/{records.name}"].put(count, {"times": records.times, **records.data})
+                count = table_in(file, place).put(count, {"times": records.times, **records.data})
             for name, values in records.spectra.items():
-                stored = group["recorded"][records.name]["spectra"][name]
+                stored = file["farhorizon"][place]["spectra"][name]
                 stored[...] = values if np.isrealobj(values) else [values.real, values.imag]
         self.recorded[records.name] = count
 
@@ -348,8 +346,8 @@ class ResultsWriter:
             )
         if not times.size:
             return
-        with self._opened() as (_, tables):
-            count = tables["records"].put(self.records, {"times": times, "values": values})
+        with self._opened() as file:
+            count = table_in(file, "records").put(self.records, {"times": times, "values": values})
         self.records = count
 
 
