@@ -20,33 +20,15 @@ from farhorizon.errors import InputError
 
 @dataclass(frozen=True)
 class Row:
-    """One number of a table or figure.
+    """One number of a table or figure."""
 
-    Attributes
-    ----------
-    what : str
-        Description, e.g. ``"t = 5, dt = 0.001"``.
-    ours : float
-    printed : float, optional
-        Value in the paper or of the exact solution; None if there is none.
-    corrected : float, optional
-        Correct value of a misprint.
-    note : str
-        Explanation, in one line.
-    reason : str
-        Why the computed number deviates from the printed one by more than the tolerance of the collection; empty where
-        it does not, or where nobody knows why it does.
-    key : bool
-        Listed also without the details, although the paper prints no number: what answers a statement of the paper.
-    """
-
-    what: str
+    what: str  # such as "t = 5, dt = 0.001"
     ours: float
-    printed: float | None = None
-    corrected: float | None = None
-    note: str = ""
-    reason: str = ""
-    key: bool = False
+    printed: float | None = None  # value in the paper or of the exact solution
+    corrected: float | None = None  # correct value of a misprint
+    note: str = ""  # explanation, in one line
+    reason: str = ""  # of a deviation by more than the tolerance of the collection, where it is known
+    key: bool = False  # answers a statement of the paper, and is listed without the details though no number is printed
 
     @property
     def expected(self) -> float | None:
@@ -65,23 +47,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Setting:
-    """One parameter of a computation, beside that of the paper.
+    """One parameter of a computation, beside that of the paper."""
 
-    Attributes
-    ----------
-    what : str
-        Description, e.g. ``"time step"``.
-    ours : float
-    paper : float, optional
-        Value in the paper; None if the paper does not state it.
-    note : str
-        Explanation, in one line.
-    """
-
-    what: str
+    what: str  # such as "time step"
     ours: float
-    paper: float | None = None
-    note: str = ""
+    paper: float | None = None  # None if the paper does not state it
+    note: str = ""  # explanation, in one line
 
     def __str__(self) -> str:
         """The setting in one line, with the ratio where it is not that of the paper."""
@@ -103,25 +74,13 @@ _SAME = 1e-9  # relative difference between settings that are the same number up
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a figure or table of the paper shows, and what the computation shows.
+    """What a figure or table of the paper shows, and what the computation shows."""
 
-    Attributes
-    ----------
-    item : str
-        The figure or table, e.g. ``"figure 5"``.
-    paper, ours : str
-        What each of them shows, as the end of a sentence that begins with "shows".
-    agrees : bool
-        Determined from the computed numbers.
-    reason : str
-        Why they differ, if they do and it is known.
-    """
-
-    item: str
-    paper: str
+    item: str  # such as "figure 5"
+    paper: str  # the end of a sentence that begins with "shows", as the next one
     ours: str
-    agrees: bool
-    reason: str = ""
+    agrees: bool  # determined from the computed numbers
+    reason: str = ""  # why they differ, if they do and it is known
 
     def __str__(self) -> str:
         """The comparison as one sentence."""
@@ -150,20 +109,7 @@ def _percent(row: Row) -> float:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of an entry.
-
-    Attributes
-    ----------
-    rows : list of Row
-    infinite_error : dict of str to float
-        For each boundary, the largest difference from the infinite medium at the same time step, relative to the
-        initial maximum.
-    pictures : list of Path
-    comparisons : list of Comparison
-        One for each figure or table of the paper.
-    settings : list of Setting
-        Grid, steps and what else decides how close the computation is to that of the paper.
-    """
+    """Result of an entry, whose parts `OutcomeFacts` describes."""
 
     rows: list[Row]
     infinite_error: dict[str, float] = field(default_factory=dict)
@@ -261,31 +207,16 @@ class EntryFacts(TypedDict):
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of a collection.
-
-    Attributes
-    ----------
-    name, paper, title : str
-    function : callable
-        Takes the folder of the pictures, and `full` if the entry is scaled.
-    takes : str
-        Approximate run time on two cores, once everything needed is compiled, such as "seconds" or "2 min".
-    full : str
-        The same in full size, if the default is a smaller version or has larger steps; empty if there is only one size.
-    figures : tuple of str
-        Figures and tables that it computes besides that of its name, such as ``("fig5",)``.
-    readings : tuple of str
-        How the paper is read where it leaves something open or does not lead to its own numbers, one line each.
-    """
+    """An entry of a collection."""
 
     name: str
     paper: str
     title: str
-    function: Callable[..., Outcome]
-    takes: str = "seconds"
-    full: str = ""
-    figures: tuple[str, ...] = ()
-    readings: tuple[str, ...] = ()
+    function: Callable[..., Outcome]  # of the folder of the pictures, and of `full` if the entry is scaled
+    takes: str = "seconds"  # run time on two cores, once everything needed is compiled, such as "2 min"
+    full: str = ""  # the same in full size, if the default is smaller or has larger steps
+    figures: tuple[str, ...] = ()  # computed besides that of its name, such as ("fig5",)
+    readings: tuple[str, ...] = ()  # of the paper where it leaves something open or contradicts its own numbers
 
     @property
     def group(self) -> str:
@@ -358,28 +289,13 @@ def _row_facts(row: Row) -> RowFacts:
 
 @dataclass(frozen=True)
 class Collection:
-    """Entries by name.
+    """Entries by name."""
 
-    Attributes
-    ----------
-    command : str
-        The command that lists and computes them.
-    package : str
-        Package of the modules that enter them.
-    modules : tuple of str
-        Names of these modules, in the order of the list.
-    known : str
-        Heading of the column of known numbers.
-    tolerance : float
-        Relative deviation from a known number beyond which a reason is required; infinite if the entries judge
-        themselves.
-    """
-
-    command: str
-    package: str
-    modules: tuple[str, ...]
-    known: str
-    tolerance: float = float("inf")
+    command: str  # which lists and computes them
+    package: str  # of the modules that enter them
+    modules: tuple[str, ...]  # in the order of the list
+    known: str  # heading of the column of known numbers
+    tolerance: float = float("inf")  # deviation beyond which a reason is required; infinite if entries judge themselves
     _entries: dict[str, Entry] = field(default_factory=dict)
 
     def enter(

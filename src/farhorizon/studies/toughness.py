@@ -23,7 +23,7 @@ def running_crack(
     push: float = 1.2,
     dim: int = 2,
 ) -> RunningCrack:
-    """Run a crack that follows a pair of forces; parameters as for
+    """Run a crack that follows a pair of forces, as
     `farhorizon.simulation.recorders.running_cracks.crack_after_forces`.
     """
     return crack_after_forces(Simulation.of, model, spacing, energy, speed, turn, push, dim)
