@@ -34,7 +34,7 @@ from farhorizon.files.parts import Box, folder_of, make_room, part_path, stored_
 from farhorizon.files.polylines import lines_in, write_vtp
 from farhorizon.files.records import Recorded, variables_of
 from farhorizon.files.region_numbers import FIELD, OUTSIDE
-from farhorizon.files.results_layout import Caution, Counts, Layout, make_field, stored_boxes, table_in, vtk_shape
+from farhorizon.files.results_layout import Caution, Layout, counts_of, make_field, stored_boxes, table_in, vtk_shape
 from farhorizon.files.results_writer import ResultsWriter, check_replaceable
 from farhorizon.files.storage import created
 
@@ -95,7 +95,7 @@ class Results:
         with opened(self.path, "r", "results file") as file:
             self._layout = layout = Layout.of(file, self.path)
             group = file["farhorizon"]
-            Counts.of(file, self.path)
+            counts_of(file, self.path)
             self.shape, self.lower, self.spacing, *_ = layout
             self.dim = len(self.shape)
             self.components, self.field_names = layout.components, tuple(layout.components)
@@ -131,8 +131,8 @@ class Results:
     def _column(self, table: str, column: str) -> np.ndarray:
         """Valid rows of a column of a table that every file has."""
         with opened(self.path, "r", "results file") as file:
-            rows = dict(zip(("outputs", "history", "records"), Counts.of(file, self.path), strict=True))[table]
-            return read_rows(file, self.path, table_in(file, table).columns[column].name.lstrip("/"), slice(rows))
+            rows = slice(counts_of(file, self.path)[table])
+            return read_rows(file, self.path, table_in(file, table).columns[column].name.lstrip("/"), rows)
 
     @property
     def times(self) -> np.ndarray:
@@ -237,7 +237,7 @@ class Results:
             raise InputError(f"{self.path} has no field {name!r}", remedy=f"one of {', '.join(self.field_names)}")
         index = kinds.integer(index, "index", least=-kinds.MOST_WHOLE)
         with opened(self.path, "r", "results file") as file:
-            outputs = Counts.of(file, self.path).outputs
+            outputs = counts_of(file, self.path)["outputs"]
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
         return self._values(name, slice(index % outputs, index % outputs + 1))[0]

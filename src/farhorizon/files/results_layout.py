@@ -205,23 +205,15 @@ def table_in(file: Any, name: str) -> Table:
     return Table({"times": vtk["Steps/Values"], **columns, **offsets, **fields}, group.attrs, "outputs")
 
 
-class Counts(NamedTuple):
-    """Numbers of valid outputs, history rows and probe records."""
-
-    outputs: int
-    rows: int
-    records: int
-
-    @classmethod
-    def of(cls, file: Any, path: Path) -> Counts:
-        """The counted rows as far as the tables hold them; the last output, and what belongs to it, may be missing."""
-        table = table_in(file, "outputs")
-        outputs = table.held(path, max(table.counted - 1, 0))
-        rows, records = (
-            table_in(file, name).held(path, int(table.columns[noted][outputs - 1]) if outputs else 0)
-            for name, noted in (("history", "history_rows"), ("records", "record_rows"))
-        )
-        return cls(outputs, rows, records)
+def counts_of(file: Any, path: Path) -> dict[str, int]:
+    """Numbers of valid "outputs", rows of the "history" and "records" of the probes: the counted ones as far as the
+    tables hold them; the last output, and what belongs to it, may be missing.
+    """
+    table = table_in(file, "outputs")
+    counts = {"outputs": (outputs := table.held(path, max(table.counted - 1, 0)))}
+    for name, noted in (("history", "history_rows"), ("records", "record_rows")):
+        counts[name] = table_in(file, name).held(path, int(table.columns[noted][outputs - 1]) if outputs else 0)
+    return counts
 
 
 def list_outputs(file: Any, layout: Layout, path: Path, outputs: int) -> None:

@@ -30,10 +30,10 @@ from farhorizon.files.region_numbers import FIELD, Regions
 from farhorizon.files.results_layout import (
     RESERVED,
     Caution,
-    Counts,
     Layout,
     checked_group,
     chunk_of,
+    counts_of,
     list_outputs,
     stored_boxes,
     table_in,
@@ -88,7 +88,7 @@ class ResultsWriter:
         self.path = Path(path)
         with opened(self.path, "r", "results file") as file:
             self._layout = layout = Layout.of(file, self.path)
-            self.outputs, self.rows, self.records = Counts.of(file, self.path)
+            self.outputs, self.rows, self.records = counts_of(file, self.path).values()
             self.last_step = int(file["farhorizon/steps"][self.outputs - 1]) if self.outputs else None
             recorders = [name for name in table_names(file) if "/" in name]
             self.recorded = {name.removeprefix("recorded/"): table_in(file, name).counted for name in recorders}
@@ -196,16 +196,16 @@ class ResultsWriter:
             read_indices(checked_group(file, path).parent)
         with opened(path, "r+", "results file") as file:
             layout, tables = Layout.of(file, path), {name: table_in(file, name) for name in table_names(file)}
-            held, columns = Counts.of(file, path), tables["outputs"].columns
-            _check_held(path, "outputs", held.outputs, outputs)
+            held, columns = counts_of(file, path), tables["outputs"].columns
+            _check_held(path, "outputs", held["outputs"], outputs)
             kept = {"outputs": outputs}
-            for name, given, noted, what, count in (
-                ("history", rows, "history_rows", "history rows", held.rows),
-                ("records", records, "record_rows", "records", held.records),
+            for name, given, noted, what in (
+                ("history", rows, "history_rows", "history rows"),
+                ("records", records, "record_rows", "records"),
             ):
                 last = int(columns[noted][outputs - 1]) if outputs else 0
                 kept[name] = last if given is None else given
-                _check_held(path, what, count, kept[name])
+                _check_held(path, what, held[name], kept[name])
             end = float(columns["times"][outputs - 1]) if outputs else -np.inf
             for name in tables.keys() - kept.keys():
                 recorder, count = name.removeprefix("recorded/"), tables[name].counted
