@@ -18,8 +18,9 @@ from common import run_parts
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.gain import largest_gain
-from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
+from farhorizon.analysis.layers.chain_modes import LatticeMedium
+from farhorizon.analysis.layers.profiles import largest_gain
+from farhorizon.analysis.layers.reflection import layer_amplitudes
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.tuned_layers import tuned_layer
 from farhorizon.analysis.references.infinite import InfiniteLattice

@@ -119,9 +119,9 @@ class ValidityWarning(UserWarning):
 
 def suggestion(word: str, words: Iterable[str]) -> str:
     """The most similar of some words, if one is similar enough, followed by all of them."""
-    known = list(words)
-    near = nearest(word, known)
-    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(known)}"
+    names = list(words)
+    near = nearest(word, names)
+    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(names)}"
 
 
 def nearest(word: str, words: Iterable[str]) -> list[str]:
@@ -135,14 +135,15 @@ def nearest(word: str, words: Iterable[str]) -> list[str]:
     >>> nearest("plane-wave", ["rayleigh-wave"]), nearest("reyleigh-wave", ["rayleigh-wave"])
     ([], ['rayleigh-wave'])
     """
-    return [one for one in difflib.get_close_matches(word, list(words), 3, 0.6) if _is_like(word, one)][:1]
+    return [match for match in difflib.get_close_matches(word, list(words), 3, 0.6) if _is_like(word, match)][:1]
 
 
-def _is_like(word: str, other: str) -> bool:
+def _is_like(word: str, known: str) -> bool:
     """Whether two names are similar, or one only lacks parts of the other, apart from the parts that both have."""
-    given, known = (re.split("[-_. ]", one.lower()) for one in (word, other))
-    rests = [[part for part in one if part not in both] for one, both in ((given, known), (known, given))]
-    left, right = ("-".join(rest) for rest in rests)
+    first, second = (re.split("[-_. ]", name.lower()) for name in (word, known))
+    left, right = (
+        "-".join(part for part in parts if part not in others) for parts, others in ((first, second), (second, first))
+    )
     return not left or not right or difflib.SequenceMatcher(None, left, right).ratio() >= 0.6
 
 
@@ -170,10 +171,10 @@ def shown(value: Any) -> str:
 
 def _plain(value: Any) -> str:
     """A value as text; objects without a representation of their own by their type, because an address helps nobody."""
-    kind = type(value)
+    cls = type(value)
     return (
-        f"an object of type {kind.__qualname__}"
-        if kind.__repr__ is object.__repr__ and kind.__str__ is object.__str__
+        f"an object of type {cls.__qualname__}"
+        if cls.__repr__ is object.__repr__ and cls.__str__ is object.__str__
         else _long(value)
     )
 

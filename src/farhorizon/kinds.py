@@ -38,25 +38,11 @@ def number(
     remedy: str = "",
     beyond: str = "",
 ) -> float:
-    """A finite real number.
+    """A finite real number: an int, a float, a NumPy scalar or a zero-dimensional array, neither bool nor string. For
+    anything else, and for a number out of range (`above` and `below` are exclusive), an InputError for the key.
 
-    Parameters
-    ----------
-    value : object
-        An int, a float, a NumPy scalar, or a zero-dimensional array; neither bool nor string.
-    key : str
-        Named in messages.
-    above, least, below, most : float, optional
-        Limits; `above` and `below` are exclusive.
-    remedy : str
-        What to do instead of giving something that is not a number, such as an array.
-    beyond : str
-        What to do instead of giving a number that is out of range.
-
-    Raises
-    ------
-    InputError
-        Anything else, or a number out of range.
+    `remedy` says what to do instead of giving something that is not a number, such as an array, `beyond` what to do
+    instead of giving a number that is out of range.
     """
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
@@ -65,15 +51,15 @@ def number(
             "must be a number", value=said(value), limit=_range(above, least, below, most), key=key, remedy=remedy
         )
     try:
-        found = float(value)
+        converted = float(value)
     except OverflowError:
-        found = np.inf
+        converted = np.inf
     fits = (
-        np.isfinite(found)
-        and (above is None or found > above)
-        and (least is None or found >= least)
-        and (below is None or found < below)
-        and (most is None or found <= most)
+        np.isfinite(converted)
+        and (above is None or converted > above)
+        and (least is None or converted >= least)
+        and (below is None or converted < below)
+        and (most is None or converted <= most)
     )
     if not fits:
         raise InputError(
@@ -81,10 +67,10 @@ def number(
             value=value,
             limit=_range(above, least, below, most) or _FINITE,
             key=key,
-            remedy=_GAPS if np.isnan(found) or not (np.isfinite(found) or beyond) else beyond,
+            remedy=_GAPS if np.isnan(converted) or not (np.isfinite(converted) or beyond) else beyond,
         )
-    check_magnitude(found, key)
-    return found
+    check_magnitude(converted, key)
+    return converted
 
 
 def check_magnitude(values: np.ndarray | float, key: str) -> None:
@@ -103,18 +89,14 @@ def check_magnitude(values: np.ndarray | float, key: str) -> None:
 
 
 def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
-    """A whole number between two limits, both included: what `operator.index` accepts (so not 3.0), except bool.
-
-    Raises
-    ------
-    InputError
-        Anything else.
+    """A whole number between two limits, both included: what `operator.index` accepts (so not 3.0), except bool;
+    InputError for anything else.
     """
     limit, remedy = f"{least} to {most}", "a whole number within these limits"
     try:
         if isinstance(value, bool):
             raise TypeError
-        found = operator.index(value)
+        converted = operator.index(value)
     except TypeError:
         words = said(value)
         if isinstance(value, float | np.floating):
@@ -122,9 +104,9 @@ def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
             if least <= value <= most and float(value).is_integer():
                 remedy = f"write {value:.0f}"
         raise InputError("must be a whole number", value=words, limit=limit, key=key, remedy=remedy) from None
-    if not least <= found <= most:
-        raise InputError("is out of range", value=found, limit=limit, key=key, remedy=remedy)
-    return found
+    if not least <= converted <= most:
+        raise InputError("is out of range", value=converted, limit=limit, key=key, remedy=remedy)
+    return converted
 
 
 def flag(value: Any, key: str) -> bool:
@@ -158,28 +140,14 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
 
 def number_type(value: Any) -> Any:
     """The name of a floating-point type, such as ``np.float32``; other values unchanged."""
-    kind = value.type if isinstance(value, np.dtype) else value
-    return np.dtype(kind).name if isinstance(kind, type) and issubclass(kind, float | np.float32) else value
+    dtype = value.type if isinstance(value, np.dtype) else value
+    return np.dtype(dtype).name if isinstance(dtype, type) and issubclass(dtype, float | np.float32) else value
 
 
 def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, finite: bool = True) -> np.ndarray:
-    """Numbers as an array of float64.
+    """Real numbers, or bool, as an array of float64; `shape` is the required one, with None for any length.
 
-    Parameters
-    ----------
-    value : array_like
-        Real numbers, or bool.
-    key : str
-        Named in messages.
-    shape : tuple of int or None, optional
-        Wanted shape; None stands for any length.
-    finite : bool
-        Whether nan and inf are refused.
-
-    Raises
-    ------
-    InputError
-        Entries that are not real numbers; masked entries; another shape; numbers that are not finite.
+    An InputError for entries that are not real numbers, masked entries, another shape, and, if `finite`, nan and inf.
     """
     if np.ma.is_masked(value):
         raise InputError(
@@ -190,10 +158,10 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
             remedy="value.filled(0.0), or whatever they are to be",
         )
     try:
-        found = np.asarray(value)
+        converted = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
-        found = np.asarray(None)
-    if found.dtype.kind not in "biuf":
+        converted = np.asarray(None)
+    if converted.dtype.kind not in "biuf":
         raise InputError(
             "must be real numbers",
             value=said(value),
@@ -201,31 +169,31 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
             key=key,
             remedy="a number, or rows of as many numbers each",
         )
-    found = found.astype(float, copy=False)
+    converted = converted.astype(float, copy=False)
     if shape is not None and not (
-        found.ndim == len(shape) and all(want in (None, n) for n, want in zip(found.shape, shape, strict=True))
+        converted.ndim == len(shape) and all(want in (None, n) for n, want in zip(converted.shape, shape, strict=True))
     ):
         raise InputError(
             "has another shape",
-            value=f"shape {_shape(found.shape)}",
+            value=f"shape {_shape(converted.shape)}",
             limit=f"shape {_shape(shape)}",
             key=key,
             remedy="as many entries along each axis as the limit says",
         )
-    if finite and not np.isfinite(found).all():
+    if finite and not np.isfinite(converted).all():
         raise InputError("values must be finite", value=said(value), limit=_FINITE, key=key, remedy=_GAPS)
-    return found
+    return converted
 
 
 def mask(value: Any, key: str, message: str = "must be an array of true and false") -> np.ndarray:
     """An array of bool; InputError with `message` for anything else."""
     try:
-        found = np.asarray(value)
+        converted = np.asarray(value)
     except (TypeError, ValueError):
-        found = np.asarray(None)
-    if found.dtype != bool:
+        converted = np.asarray(None)
+    if converted.dtype != bool:
         raise InputError(message, value=said(value), limit="an array of bool", key=key, remedy="a comparison gives one")
-    return found
+    return converted
 
 
 def sequence(value: Any, key: str, what: str = "entries") -> list[Any]:
@@ -249,12 +217,8 @@ def instance(value: Any, key: str, kinds: type | tuple[type, ...], what: str, re
 
 
 def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
-    """A callable that takes as many positional arguments as `arguments` names, e.g. "x, y, t".
-
-    Raises
-    ------
-    InputError
-        Not a callable, or one that takes more or fewer arguments.
+    """A callable that takes as many positional arguments as `arguments` names, e.g. "x, y, t"; InputError for anything
+    else.
     """
     if not callable(value):
         raise InputError(
@@ -286,10 +250,10 @@ def path(value: Any, key: str) -> Path:
     """The path of a file, given as a string or a Path; InputError for anything else."""
     if not isinstance(value, str | Path):
         raise InputError("must be a path", value=said(value), limit="a text or a Path", key=key, remedy='"name.h5"')
-    found = Path(value)
-    if not found.name:  # "", "." and "/"
+    converted = Path(value)
+    if not converted.name:  # "", "." and "/"
         raise InputError("must name a file", value=said(value), key=key, remedy='"name.h5"')
-    return found
+    return converted
 
 
 def set_fields(target: Any, /, **values: Any) -> None:

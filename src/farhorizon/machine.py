@@ -84,12 +84,7 @@ def available_memory() -> int:
 
 
 def check_fits(need: float, what: str, key: str, remedy: str) -> None:
-    """Refuse something that needs more bytes than `available_memory`, before they are asked for.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse something that needs more bytes than `available_memory`, before they are asked for, with an InputError."""
     if need > (most := available_memory()):
         raise InputError(
             f"{what} do not fit into memory",
@@ -101,9 +96,9 @@ def check_fits(need: float, what: str, key: str, remedy: str) -> None:
 
 
 def _of_machine() -> int:
-    found = _numbers_in(Path("/proc/meminfo")).get("MemAvailable:")
-    if found is not None:
-        return 1024 * found
+    available = _numbers_in(Path("/proc/meminfo")).get("MemAvailable:")
+    if available is not None:
+        return 1024 * available
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 1 << 62
 
 
@@ -135,19 +130,24 @@ def _left_by_groups(process: Path = Path("/proc/self")) -> Iterator[int]:
     except (OSError, ValueError):
         return
     for mount in mounts:
-        kind, options = mount[mount.index("-") + 1], mount[-1].split(",")
-        if kind == "cgroup2":
-            own, limit, used, cached = "", "memory.max", "memory.current", "inactive_file"
-        elif kind == "cgroup" and "memory" in options:
-            own, limit, used, cached = "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+        version, options = mount[mount.index("-") + 1], mount[-1].split(",")
+        if version == "cgroup2":
+            controller, limit, used, cached = "", "memory.max", "memory.current", "inactive_file"
+        elif version == "cgroup" and "memory" in options:
+            controller, limit, used, cached = (
+                "memory",
+                "memory.limit_in_bytes",
+                "memory.usage_in_bytes",
+                "total_inactive_file",
+            )
         else:
             continue
         top = Path(mount[4])
-        paths = [Path(path) for _, names, path in groups if own in names.split(",")]
+        paths = [Path(path) for _, names, path in groups if controller in names.split(",")]
         for path in paths:
             # a container may see only its own group, mounted at the top, under a path of the machine
             below = path.relative_to(mount[3]) if path.is_relative_to(mount[3]) else Path()
-            for folder in (top / below, *(top / one for one in below.parents)):
+            for folder in (top / below, *(top / parent for parent in below.parents)):
                 most, taken = _number_in(folder / limit), _number_in(folder / used)
                 if most is not None and taken is not None:
                     yield most - taken + _numbers_in(folder / "memory.stat").get(cached, 0)
@@ -161,8 +161,8 @@ def _left_by_limits() -> Iterator[int]:
         pages = [int(n) for n in Path("/proc/self/statm").read_text().split()]
     except (ImportError, OSError, ValueError):  # not Linux
         return
-    for kind, taken in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
-        most = resource.getrlimit(kind)[0]
+    for limit, taken in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
+        most = resource.getrlimit(limit)[0]
         if most != resource.RLIM_INFINITY:
             yield most - taken * resource.getpagesize()
 
@@ -172,24 +172,15 @@ def _granted_by_slurm() -> Iterator[int]:
     more, also where no control group keeps it from doing so. The variables are in MiB; 0 stands for all memory.
     """
     granted = {name: os.environ.get(f"SLURM_{name}", "") for name in ("MEM_PER_NODE", "MEM_PER_CPU", "CPUS_ON_NODE")}
-    known = {name: int(text) for name, text in granted.items() if text.isdecimal()}
-    whole = known.get("MEM_PER_NODE", 0) or known.get("MEM_PER_CPU", 0) * known.get("CPUS_ON_NODE", 1)
-    if whole:
-        yield 2**20 * whole - 1024 * _numbers_in(Path("/proc/self/status")).get("VmRSS:", 0)
+    amounts = {name: int(text) for name, text in granted.items() if text.isdecimal()}
+    granted_here = amounts.get("MEM_PER_NODE", 0) or amounts.get("MEM_PER_CPU", 0) * amounts.get("CPUS_ON_NODE", 1)
+    if granted_here:
+        yield 2**20 * granted_here - 1024 * _numbers_in(Path("/proc/self/status")).get("VmRSS:", 0)
 
 
 def progress(total: float | None = None, unit: str = "step", show: bool | None = None, **look: Any) -> Any:
-    """A progress bar on stderr, which disappears when it is closed.
-
-    Parameters
-    ----------
-    total : float, optional
-        Number of units.
-    unit : str
-    show : bool, optional
-        Whether it is shown; by default if stderr is a terminal.
-    **look
-        As for `tqdm`.
+    """A progress bar of `total` units on stderr, which disappears when it is closed; shown by default if stderr is a
+    terminal. `look` is passed to `tqdm`.
     """
     from tqdm import tqdm
 

@@ -103,11 +103,11 @@ from farhorizon.simulation.recorders.crack_tips import CrackTips as CrackTips
 from farhorizon.simulation.recorders.far_field import FarField as FarField
 from farhorizon.simulation.recorders.intensities import StressIntensity as StressIntensity
 from farhorizon.simulation.recorders.power_through import PowerThrough as PowerThrough
-from farhorizon.simulation.recorders.probes import Probes as Probes
 from farhorizon.simulation.recorders.reaction_forces import Reaction as Reaction
 from farhorizon.simulation.recorders.receivers import Receivers as Receivers
+from farhorizon.simulation.recorders.receivers import Spectra as Spectra
+from farhorizon.simulation.recorders.recording import Probes as Probes
 from farhorizon.simulation.recorders.shell_recorder import ShellRecorder as ShellRecorder
-from farhorizon.simulation.recorders.spectra import Spectra as Spectra
 from farhorizon.simulation.setup.setup import Setup as Setup
 from farhorizon.simulation.setup.surface_factors import surface_factor as surface_factor
 from farhorizon.simulation.simulation import Simulation as Simulation

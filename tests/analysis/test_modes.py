@@ -76,7 +76,7 @@ def test_fit_of_few_modes_is_exact():
     places = SPACING * np.array([[0, 0], [-1, 0], [-2, 0], [-1, 1], [-1, -1], [-3, 0]])
     factor = modes.factors(symbol(K), DT, 2, DAMPING)
     shape = modes.phases(K, places)
-    update = modes.fit(shape, factor, 2).weights
+    update = modes.fit(modes.CloudModes(shape, factor, symbol(K)), 2).weights
     assert np.allclose(shape @ update[0] + shape @ update[1] / factor, factor, rtol=1e-11)
 
 
@@ -87,9 +87,8 @@ def test_operator_fit_has_a_limit(order):
     k = K if order == 2 else 0.3j * K
     found = []
     for dt in (1e-4, 1e-5):
-        update = modes.fit_operator(
-            modes.phases(k, places), modes.factors(symbol(k), dt, order), symbol(k), 0, dt, order, SPACING**-2, 1e-5
-        ).weights
+        cloud = modes.CloudModes(modes.phases(k, places), modes.factors(symbol(k), dt, order), symbol(k))
+        update = modes.fit_operator(cloud, 0, dt, order, SPACING**-2, 1e-5).weights
         values = np.exp(-places.sum(1) / 4)
         now = update[0] @ values + (update[1] @ values if order == 2 else 0)
         found.append((now - values[0]) / dt**order)

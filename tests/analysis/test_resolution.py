@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.resolution import ENOUGH, dispersion, lines_of, resolution
+from farhorizon.analysis.resolution import ENOUGH, band, dispersion, gain_of_time, lines_of, resolution
 
 LINE = fh.Stencil.finite_difference(1)
 
@@ -62,3 +62,23 @@ def test_the_error_of_a_trace(kernel, nodes):
     measured = np.abs(receivers.data["v"][:, 0] - exact).max() / np.abs(exact).max()
     assert found.error == pytest.approx(measured, rel=0.1)
     assert found.cycles > 0
+
+
+def test_band_of_a_packet():
+    """A wave of 12 nodes under an envelope: half of the energy lies near its wavelength, hardly any beyond half and
+    twice the wavelength.
+    """
+    x = 0.5 * np.arange(400)
+    found = band([np.exp(-((x - 100) ** 2) / 800) * np.cos(2 * np.pi * x / 6)], 0.5, [1])
+    assert found.typical == pytest.approx(6.0, rel=0.02)
+    assert 3 < found.shortest < 6 < found.longest < 12
+    assert band([np.zeros(10)], 1.0, [0]) is None
+
+
+def test_the_time_of_a_source_picks_its_waves():
+    """A point source of one frequency radiates one wavelength, 2 pi speed / frequency, whatever its size."""
+    point = np.exp(-((np.arange(200) - 100.0) ** 2) / 2)
+    gain = gain_of_time(lambda t: np.sin(0.6 * t) * np.exp(-(((t - 100) / 30) ** 2)), 200.0, 2.0 / 0.5)
+    found = band([point], 0.5, [0], [gain])
+    assert found.typical == pytest.approx(2 * np.pi * 2.0 / 0.6, rel=0.05)
+    assert found.longest < 1.5 * found.typical and found.shortest > 0.6 * found.typical

@@ -8,6 +8,7 @@ from farhorizon.analysis.stability import (
     TOLERANCE,
     Allowance,
     Growth,
+    LinearMap,
     dense_growth,
     fastest,
     krylov_growth,
@@ -58,13 +59,13 @@ def test_krylov_spaces_of_powers(rate):
     slow = [(1 - 1e-3 - 1e-3 * i) * np.exp(1j * a) for i, a in enumerate(angles)]
     matrix = with_factors([(1 + rate) * np.exp(0.7j), *slow])
     advance = lambda x, n: np.linalg.matrix_power(matrix, n) @ x  # noqa: E731
-    growth = krylov_growth(advance, len(matrix), 1.0, 50, 1e-4, Allowance(20.0))
+    growth = krylov_growth(LinearMap(advance, len(matrix), 1.0, 50, 1e-4), Allowance(20.0))
     assert growth.stable is (rate < 0)
     assert growth.rate == pytest.approx(rate, abs=growth.error + 0.1 * abs(rate))
 
 
 def test_without_an_allowance_nothing_is_decided():
-    growth = krylov_growth(lambda x, n: x, 10, 1.0, 5, 1.0, Allowance(0.0))
+    growth = krylov_growth(LinearMap(lambda x, n: x, 10, 1.0, 5, 1.0), Allowance(0.0))
     assert growth.stable is None and growth.error == np.inf
 
 
@@ -81,7 +82,7 @@ def test_where_a_long_run_is_not_allowed_krylov_spaces_may_tell(budget, decided)
         return np.linalg.matrix_power(matrix, steps) @ x
 
     allowance = Allowance(budget)
-    growth = krylov_growth(advance, len(matrix), 1.0, 20, 1 / 20, allowance)
+    growth = krylov_growth(LinearMap(advance, len(matrix), 1.0, 20, 1 / 20), allowance)
     assert (growth.stable is True) is decided
     assert steps_done[0] / 20 <= allowance.used * (1 + 1e-9) <= budget * (1 + 1e-9)
 
@@ -92,8 +93,9 @@ def test_what_is_not_allowed_is_not_begun():
     def advance(x, steps):
         raise AssertionError
 
-    assert krylov_growth(advance, 10, 1e-12, 10**12, 1e-6, Allowance(60.0)).stable is None
-    assert noise_growth(advance, 10, 1e-12, 10**12, 1e-6, Allowance(0.0), Allowance(60.0)) == (None, 0.0)
+    update = LinearMap(advance, 10, 1e-12, 10**12, 1e-6)
+    assert krylov_growth(update, Allowance(60.0)).stable is None
+    assert noise_growth(update, Allowance(0.0), Allowance(60.0)) == (None, 0.0)
 
 
 def test_rising_noise_is_growth_only_when_it_is_certain():
@@ -108,12 +110,15 @@ def test_rising_noise_is_growth_only_when_it_is_certain():
     def growing(state, steps):
         return 1.03**steps * state
 
+    def of(advance):
+        return LinearMap(advance, 3 * 300, 0.1, 10, 1e-3)
+
     for allowed in (0.0, 0.1, 1.0):
-        none, quiet = noise_growth(accelerated, 3 * 300, 0.1, 10, 1e-3, Allowance(allowed), Allowance(np.inf), 20.0)
+        none, quiet = noise_growth(of(accelerated), Allowance(allowed), Allowance(np.inf), 20.0)
         assert none is None and quiet == 0
-    found, _ = noise_growth(growing, 3 * 300, 0.1, 10, 1e-3, Allowance(1.0), Allowance(np.inf), 20.0)
+    found, _ = noise_growth(of(growing), Allowance(1.0), Allowance(np.inf), 20.0)
     assert found.rate == pytest.approx(np.log(1.03) / 0.1)
-    assert noise_growth(growing, 3 * 300, 0.1, 10, 1e-3, Allowance(0.0), Allowance(np.inf), 20.0) == (None, 0.0)
+    assert noise_growth(of(growing), Allowance(0.0), Allowance(np.inf), 20.0) == (None, 0.0)
 
 
 def test_the_fastest_decides():

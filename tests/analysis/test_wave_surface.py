@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.wave_surface import along, carried, outgoing
+from farhorizon.analysis.wave_surface import along, carried_band, outgoing
 from farhorizon.medium.stencil import Stencil
 from helpers import kernel_stencil
 
@@ -165,8 +165,8 @@ def test_the_band_of_differences():
     """4 - 2 cos kx - 2 cos ky increases along each ray up to 4, reached at the middle of an edge of the Brillouin
     zone.
     """
-    assert carried(Stencil.finite_difference(2)) == pytest.approx((0, 4))
-    assert carried(Stencil.finite_difference(1).with_reaction(0.5)) == pytest.approx((0.5, 4.5))
+    assert carried_band(Stencil.finite_difference(2)) == pytest.approx((0, 4))
+    assert carried_band(Stencil.finite_difference(1).with_reaction(0.5)) == pytest.approx((0.5, 4.5))
 
 
 def test_surfaces_that_are_not_convex_are_refused():

@@ -124,7 +124,7 @@ def test_images_of_a_cloud_share_a_fit(monkeypatch):
         return found.toarray(), len(fits)
 
     shared, few = update()
-    monkeypatch.setattr(plane_wave, "_turned", lambda normal, steps: (normal, steps))
+    monkeypatch.setattr(plane_wave, "_oriented", lambda normal, steps: (normal, steps))
     single, many = update()
     np.testing.assert_allclose(shared, single, atol=1e-9)
     assert few < many / 4
@@ -324,12 +324,11 @@ def test_a_fit_of_several_components_contains_that_of_one():
     symbol = medium.symbol(*k.T)
     factor, shape = modes.factors(symbol, 0.1, 2), modes.phases(k, places)
     both, polar = np.repeat(np.arange(40), 2), np.tile(np.eye(2), (40, 1))
+    scalar = modes.CloudModes(shape, factor, symbol)
+    vector = modes.CloudModes(shape[both], factor[both], symbol[both], polar)
     for one, two in (
-        (modes.fit(shape, factor, 2), modes.fit(shape[both], factor[both], 2, polar=polar)),
-        (
-            modes.fit_operator(shape, factor, symbol, 0, 0.1, 2, 1.0, 0.1),
-            modes.fit_operator(shape[both], factor[both], symbol[both], 0, 0.1, 2, 1.0, 0.1, polar),
-        ),
+        (modes.fit(scalar, 2), modes.fit(vector, 2)),
+        (modes.fit_operator(scalar, 0, 0.1, 2, 1.0, 0.1), modes.fit_operator(vector, 0, 0.1, 2, 1.0, 0.1)),
     ):
         expected = one.weights[:, :, None, None] * np.eye(2)
         np.testing.assert_allclose(two.weights.reshape(expected.shape), expected, rtol=0, atol=1e-9)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.spectrum import faded
+from farhorizon.analysis.resolution import faded
 from farhorizon.checks.report import Report, content
 from farhorizon.checks.run_cost import two_digits
 from farhorizon.cli import main

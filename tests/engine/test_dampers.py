@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.layer import LayerSide
+from farhorizon.analysis.layers.reflection import LayerSide
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer

@@ -18,7 +18,7 @@ from farhorizon.simulation.recorders.recorder import Recorder
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
 SECTION = PAGE[PAGE.index("## A shape, a load") :]
-CLASSES = re.search(r"```python\n(.*?)```", SECTION, re.S).group(1)
+CLASSES = "\n".join(re.findall(r"```python\n(.*?)```", SECTION, re.S)[:2])
 CASE = re.search(r"```toml\n(.*?)```", SECTION, re.S).group(1)
 FAMILIES = (fh.Shape, fh.Load, fh.Signal, fh.LatticeModel, fh.Side, Recorder)
 
@@ -49,6 +49,34 @@ def test_the_case_of_the_page_is_the_run_of_python(page):
     np.testing.assert_allclose(circle.points, 4.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1), atol=1e-15)
     # every node of a body that nothing holds falls freely
     np.testing.assert_allclose(np.nanmean(sim.fields["u"][1]), -0.5 * 2000 * 9.81 * sim.time**2, rtol=0.05)
+
+
+def test_a_recorder_of_other_sums(page, tmp_path):
+    """The momentum that a force gives to a body, recorded without a break over a checkpoint and by a case file."""
+
+    def run():
+        lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0), body=fh.Disc(3.0))
+        pull = fh.Source([lambda x, y: np.exp(-(x**2) - y**2), 0.0], lambda t: 1.0)
+        [recorder] = recorders = [page.Momentum(fh.Box((-4.0, -4.0), (4.0, 4.0)), every=5)]
+        model = fh.Elastic(fh.Kernel(1.0, 1), 1.0)
+        return fh.Simulation(lattice, model, fh.Free(), sources=[pull], observe=recorders), recorder
+
+    sim, recorder = run()
+    sim.step(60)
+    force = sim.lattice.spacing**2 * np.nansum(np.where(sim.lattice.mask, sim.sources[0][0][0], 0.0))
+    momentum = recorder.data["momentum"]
+    assert momentum.shape == (13, 1, 2)
+    np.testing.assert_allclose(momentum[1:, 0, 0], force * (recorder.times[1:] - sim.dt / 2), rtol=1e-10)
+    sim, _ = run()
+    sim.step(23)
+    sim.save(tmp_path / "state.h5")
+    sim, again = run()
+    sim.load(tmp_path / "state.h5")
+    sim.step(37)
+    np.testing.assert_array_equal(again.data["momentum"], momentum)
+    case = Case(CASE + "momentum = [{ region = { disc = { radius = 7.0 } }, every = 2 }]\n")
+    [_, from_case] = case.simulation().run(0.1, progress=False).recorders
+    assert isinstance(from_case, page.Momentum) and from_case.data["momentum"].shape[1:] == (1, 2)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +127,9 @@ def test_a_new_parameter_is_a_key_at_once(page):
 
 
 def test_names_that_are_taken(page):
-    with pytest.raises(TypeError, match=r"there is a 'power' already, farhorizon\.simulation\.power_through"):
+    with pytest.raises(
+        TypeError, match=r"there is a 'power' already, farhorizon\.simulation\.recorders\.power_through"
+    ):
         type("Power", (fh.Receivers,), {"tag": "power"})
     with pytest.raises(TypeError, match="there is a 'receivers' already"):
         type("Receivers", (fh.CrackTips,), {})
@@ -109,4 +139,4 @@ def test_names_that_are_taken(page):
 
 
 def test_all_classes_are_gone_afterwards():
-    assert not {"HollowDisc", "Weight", "Circle"} & {name for family in FAMILIES for name in family.known}
+    assert not {"HollowDisc", "Weight", "Circle", "Momentum"} & {name for family in FAMILIES for name in family.known}

@@ -29,9 +29,9 @@ from farhorizon import (
     Sponge,
     Temperature,
 )
-from farhorizon.analysis.references import classical
 from farhorizon.analysis.references.classical import End, Slab
 from farhorizon.inputs.conditions import resolve
+from heat_solutions import half_space_convection
 from helpers import fitted_rate
 from threads_as_processes import on_threads
 
@@ -290,7 +290,7 @@ def test_convection():
     errors = []
     for nodes in counts:
         held = [Convection("x-", 4.0, 1.0)]
-        exact = lambda x, t: classical.half_space_convection(x, t, 1.0, 2.0, 4.0)  # noqa: E731
+        exact = lambda x, t: half_space_convection(x, t, 1.0, 2.0, 4.0)  # noqa: E731
         errors.append(
             bar_error(nodes, held, smooth(End(0.0), End(0.0)), until=0.01, layers=(False, False), exact=exact)[0]
         )

@@ -18,8 +18,9 @@ from farhorizon import (
     Stencil,
     Temperature,
 )
-from farhorizon.analysis.references.classical import End, Slab, box
+from farhorizon.analysis.references.classical import End, Slab
 from farhorizon.models.heat import self_weight
+from heat_solutions import box
 from helpers import dense_operator, fitted_rate
 
 

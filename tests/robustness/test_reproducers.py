@@ -156,7 +156,7 @@ def test_a_horizon_far_beyond_the_near_field_is_refused_at_once(monkeypatch):
     def searched(*_):
         raise AssertionError("modes were looked for")
 
-    monkeypatch.setattr("farhorizon.analysis.layers.gain._dying", searched)
+    monkeypatch.setattr("farhorizon.analysis.layers.profiles._evanescent_modes", searched)
     lattice, model = fh.Lattice(1.0, (-7.0, -7.0), (7.0, 7.0)), fh.Wave(fh.Kernel(108.0, influence="linear"))
     with pytest.raises(fh.InputError, match="the near field is thinner than the stencil; value: 15 nodes along x"):
         fh.Simulation(lattice, model, fh.LatticePML(target=1e-6))

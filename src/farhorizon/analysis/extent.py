@@ -18,63 +18,48 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.references.infinite import largest_speed, undisturbed
+from farhorizon.analysis.references.infinite import undisturbed, wave_travel
 from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
 
 _AIM = 0.3  # part of the target error: in a corner several edges reflect
 _TIMES = 16  # times of a run at which the field is evaluated
 _LINES = 4096  # largest number of lines of nodes along the normal that are used
-_FAINT = 1e-2  # share of the target error below which profiles are left out
+_FAINT = 1e-2  # part of the target error below which profiles are left out
 _LONGEST = 2**20  # nodes of a line beyond which only the front is considered
 _COARSE = 24  # nodes along each axis of the coarsened support on which the largest value of a field is estimated
 
 
 @dataclass(frozen=True)
 class Extent:
-    """The number of nodes for which the medium is computed beyond a side.
-
-    Attributes
-    ----------
-    nodes : int
-    until : float
-        Length of the run for which it was chosen.
-    predicted : float
-        Largest share of the largest value that returns in that time; nan if it was not computed.
-    """
+    """The number of nodes for which the medium is computed beyond a side."""
 
     nodes: int
+    #: Length of the run for which it was chosen.
     until: float
+    #: Largest fraction of the largest value that returns in that time; nan if it was not computed.
     predicted: float = np.nan
 
     def __str__(self) -> str:
-        known = (
+        predicted = (
             ""
             if np.isnan(self.predicted)
             else f", of which {self.predicted:.1g} of the largest value comes back up to t = {self.until:.6g}"
         )
-        return f"{self.nodes} nodes{known}"
+        return f"{self.nodes} nodes{predicted}"
 
 
 @dataclass(frozen=True)
 class Datum:
-    """A field of data.
-
-    Attributes
-    ----------
-    values : ndarray
-        On the near field; for one side with the first axis along the normal, towards the side.
-    kind : {"u", "v", "source"}
-        Initial values, initial velocities, or a source, ``u_tt = .. + values time``.
-    time : ndarray, shape (steps,)
-        Factor of a source at each step; empty otherwise.
+    """Initial values "u", initial velocities "v", or a source, ``u_tt = .. + values time``, on the near field; for one
+    side with the first axis along the normal, towards the side.
     """
 
     values: np.ndarray
     kind: str
-    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    time: np.ndarray = field(default_factory=lambda: np.zeros(0))  # factor of a source at each step
 
-    def turned(self, axis: int, side: int) -> Datum:
+    def oriented(self, axis: int, side: int) -> Datum:
         """Return the datum with a given axis first, pointing towards its lower (-1) or upper (1) end."""
         values = np.moveaxis(self.values, axis, 0)
         return replace(self, values=values if side > 0 else values[::-1])
@@ -82,17 +67,8 @@ class Datum:
 
 @dataclass(frozen=True)
 class Waves:
-    """A medium, and the time steps of a run in it.
-
-    Attributes
-    ----------
-    stencil : Stencil
-    rate : float
-        Factor on the stencil, ``coefficient / spacing^2``, of the fastest part of the medium.
-    integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
-    dt : float
-    damping : float
-    steps : int
+    """A medium, and the time steps of a run in it; `rate` is the factor on the stencil, ``coefficient / spacing^2``, of
+    the fastest part of the medium.
     """
 
     stencil: Stencil
@@ -117,9 +93,9 @@ class Waves:
     def travel(self) -> float:
         """Nodes beyond which nothing arrives in the run, not even as a precursor."""
         if self.order == 1:
+            # exp(-13^2/4) = 4e-19 is left of a field that diffuses
             return float(13 * np.sqrt(self.rate * self.steps * self.dt) + 12 * max(self.stencil.reach))
-        front = largest_speed(self.stencil) * np.sqrt(self.rate) * self.steps * self.dt
-        return float(front + 20 * max(self.stencil.reach) + 10 * np.cbrt(front))
+        return wave_travel(self.stencil, self.rate, self.steps, self.dt)
 
     def moments(self) -> np.ndarray:
         """Numbers of the steps at which the field is evaluated."""
@@ -136,62 +112,48 @@ class Waves:
             u, v = np.array(1.0 * (datum.kind == "u")), np.array(1.0 * (datum.kind == "v"))
             modes = VerletModes(eigenvalue, self.dt, self.damping)
             return np.array([modes.after(n, u, v).real for n in moments])
-        found, share = [], self.damping * self.dt
-        older, now = np.zeros_like(eigenvalue), np.zeros_like(eigenvalue)
+        responses, damped = [], self.damping * self.dt
+        before, now = np.zeros_like(eigenvalue), np.zeros_like(eigenvalue)
         for number, strength in enumerate(datum.time[: self.steps], 1):
-            now, older = (2 * now - (1 - share) * older + self.dt**2 * (strength - eigenvalue * now)) / (1 + share), now
+            force = self.dt**2 * (strength - eigenvalue * now)
+            now, before = (2 * now - (1 - damped) * before + force) / (1 + damped), now
             if number in moments:
-                found.append(now)
-        return np.array(found)
+                responses.append(now)
+        return np.array(responses)
 
 
 def extent(
-    medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, wanted: float, given: int | None = None
+    medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, target: float, given: int | None = None
 ) -> Extent:
-    """The smallest number of nodes beyond a side for which a fixed edge at their end reflects less than an error.
+    """The smallest number of nodes beyond a side, the first axis of the medium and the data, for which a fixed edge at
+    their end reflects less than the error `target`; or what the `given` number of nodes reflects.
 
-    Parameters
-    ----------
-    medium : Waves
-        The normal is its stencil's first axis.
-    data : sequence of Datum
-        The first axis is the normal, towards the side.
-    sizes : sequence of float
-        The largest value that each datum causes, to which its error is relative; in diffusion it is that at the same
-        time.
-    mirror : int
-        The opposite side: 1 free, -1 fixed, 0 open.
-    wanted : float
-        Target error.
-    given : int, optional
-        Number of nodes whose reflection is predicted, instead of the smallest one.
-
-    Returns
-    -------
-    Extent
+    The error is relative to the largest value that each datum causes (`sizes`), in diffusion to that at the same time.
+    `mirror` says what the opposite side is: 1 free, -1 fixed, 0 open.
     """
     until = medium.steps * medium.dt
     if medium.travel > _LONGEST:
         return Extent(given or undisturbed(medium.stencil, medium.rate, medium.order, until), until)
     returns = np.zeros(1)
     for datum, size in zip(data, sizes, strict=True):
-        found = _far(medium, datum, size, mirror, wanted)
-        returns = np.maximum(*(np.pad(one, (0, max(found.size, returns.size) - one.size)) for one in (found, returns)))
+        values = _far(medium, datum, size, mirror, target)
+        count = max(values.size, returns.size)
+        returns = np.maximum(*(np.pad(part, (0, count - part.size)) for part in (values, returns)))
     farthest = np.maximum.accumulate(returns[::-1])[::-1]  # the largest value at or beyond each place
-    beyond = int(np.argmax(np.append(farthest, 0.0) <= _AIM * wanted))
+    beyond = int(np.argmax(np.append(farthest, 0.0) <= _AIM * target))
     nodes = given or max(1, -(-beyond // 2))
     return Extent(nodes, until, float(np.append(farthest, 0.0)[min(2 * nodes, farthest.size)]))
 
 
-def _far(medium: Waves, datum: Datum, size: float, mirror: int, wanted: float) -> np.ndarray:
-    """Largest share of a datum, over the run, on the nodes beyond a side; the first of them is the first node beyond
+def _far(medium: Waves, datum: Datum, size: float, mirror: int, target: float) -> np.ndarray:
+    """Largest fraction of a datum, over the run, on the nodes beyond a side; the first of them is the first node beyond
     it.
     """
     values = datum.values
     inside = len(values)
     if mirror:
         values = np.concatenate([mirror * values[::-1], values])
-    profiles, weights = _profiles(values.reshape(len(values), -1), wanted)
+    profiles, weights = _profiles(values.reshape(len(values), -1), target)
     travel = int(medium.travel)
     length = fft.next_fast_len(len(values) + 2 * travel, real=True)
     angles = [2 * np.pi * np.fft.rfftfreq(length)] + [np.zeros(1)] * (medium.stencil.dim - 1)
@@ -206,16 +168,16 @@ def _far(medium: Waves, datum: Datum, size: float, mirror: int, wanted: float) -
     return worst
 
 
-def _profiles(lines: np.ndarray, wanted: float) -> tuple[np.ndarray, np.ndarray]:
+def _profiles(lines: np.ndarray, target: float) -> tuple[np.ndarray, np.ndarray]:
     """Profiles of which lines of nodes are composed, one a column, and the largest weight of each in any line."""
     peaks = np.abs(lines).max(0)
     if len(peaks) == 1:
         return lines, np.ones(1)
-    loudest = np.argsort(peaks)[-_LINES:]
-    left, share, right = np.linalg.svd(lines[:, loudest], full_matrices=False)
-    weights = share * np.abs(right).max(1)
-    heard = weights > _FAINT * wanted * weights.max()
-    return left[:, heard], weights[heard]
+    largest = np.argsort(peaks)[-_LINES:]
+    shapes, values, lines_of = np.linalg.svd(lines[:, largest], full_matrices=False)
+    weights = values * np.abs(lines_of).max(1)
+    used = weights > _FAINT * target * weights.max()
+    return shapes[:, used], weights[used]
 
 
 def largest(medium: Waves, datum: Datum) -> float:
@@ -227,31 +189,33 @@ def largest(medium: Waves, datum: Datum) -> float:
     values = np.abs(datum.values)
     if datum.kind == "u" or not values.any():
         return float(values.max())
-    loud = values > 1e-3 * values.max()
-    held = [np.flatnonzero(np.moveaxis(loud, axis, 0).reshape(n, -1).any(1)) for axis, n in enumerate(values.shape)]
-    part = datum.values[tuple(slice(h[0], h[-1] + 1) for h in held)]
+    support = values > 1e-3 * values.max()
+    extents = [
+        np.flatnonzero(np.moveaxis(support, axis, 0).reshape(n, -1).any(1)) for axis, n in enumerate(values.shape)
+    ]
+    part = datum.values[tuple(slice(h[0], h[-1] + 1) for h in extents)]
     stride = max(1, -(-max(part.shape) // _COARSE))
     part = part[(slice(None, None, stride),) * part.ndim]
     box = [2 * n + 2 for n in part.shape]
     place = np.unravel_index(int(np.argmax(np.abs(part))), part.shape)
     angles = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n) for n in box), indexing="ij")
-    own = medium.rate * medium.stencil.reaction
+    reaction = medium.rate * medium.stencil.reaction
     long = float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) - medium.stencil.reaction
     squared = long * 1e6 * medium.rate / stride**2
-    eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles) + own
+    eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles) + reaction
     weights = (
         fft.fftn(part, box) * np.exp(1j * sum(int(p) * angle for p, angle in zip(place, angles, strict=True)))
     ).real / np.prod(box)
     # a wide stencil's own step is too long for nearest neighbours
-    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared + own)))
+    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared + reaction)))
     dt = medium.dt / finer
     leave = max(1, int(min(box) / 2 / (np.sqrt(squared) * dt)))
     strengths = np.zeros(leave) if datum.kind == "v" else np.repeat(datum.time, finer)
-    loudest = int(np.argmax(np.abs(strengths)))
-    strengths = strengths[max(0, loudest - leave // 2) :][:leave]
-    older, now = np.zeros_like(eigenvalue), np.full_like(eigenvalue, dt * (datum.kind == "v"))
-    found = [0.0]
+    peak = int(np.argmax(np.abs(strengths)))
+    strengths = strengths[max(0, peak - leave // 2) :][:leave]
+    before, now = np.zeros_like(eigenvalue), np.full_like(eigenvalue, dt * (datum.kind == "v"))
+    sizes = [0.0]
     for strength in strengths:
-        now, older = 2 * now - older + dt**2 * (strength - eigenvalue * now), now
-        found.append(abs(float((weights * now).sum())))
-    return max(found)
+        now, before = 2 * now - before + dt**2 * (strength - eigenvalue * now), now
+        sizes.append(abs(float((weights * now).sum())))
+    return max(sizes)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from farhorizon.analysis.layers.reflection import chain_roots, chain_weights
+from farhorizon.analysis.layers.chain_modes import chain_roots, chain_weights
 from farhorizon.errors import InputError
 from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil
@@ -28,27 +28,15 @@ _TRAVELS = 1e-6  # largest amplitude of a mode that travels down from a surface 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A wave in the rows below a surface, for one frequency and one wavenumber along it.
+    """A wave in the rows below a surface, for one frequency and one wavenumber along it."""
 
-    Attributes
-    ----------
-    rows : ndarray of complex, shape (T, components)
-        The first rows.
-    factors : ndarray of complex, shape (m,)
-        Factors of the modes below, from one row to the next one down.
-    vectors : ndarray of complex, shape (m, components)
-        The modes in row T, with their amplitudes.
-    speeds : ndarray, shape (m,)
-        Downward, ``d(Omega^2)/dk`` of the modes that propagate, with k in radians per row; infinite for others.
-    defect : complex
-        Residual of the equations of the first rows, projected on the wave; zero except for a wave along the surface
-        that has not converged.
-    """
-
-    rows: np.ndarray
-    factors: np.ndarray
-    vectors: np.ndarray
+    rows: np.ndarray  # the first T rows, (T, components)
+    factors: np.ndarray  # of the modes below, from one row to the next one down, (m,)
+    vectors: np.ndarray  # the modes in row T, with their amplitudes, (m, components)
+    #: Downward, ``d(Omega^2)/dk`` of the modes that propagate, with k in radians per row; infinite for others.
     speeds: np.ndarray
+    #: Residual of the equations of the first rows, projected on the wave; zero except for a wave along the surface that
+    #: has not converged.
     defect: complex = 0.0
 
     def at(self, count: int) -> np.ndarray:
@@ -62,10 +50,6 @@ class Column:
 class HalfSpace:
     """The half-infinite lattice below a free surface, in units of the stencil; the normal is the first of all axes and
     components.
-
-    Parameters
-    ----------
-    end : FreeSide
     """
 
     end: FreeSide
@@ -97,11 +81,11 @@ class HalfSpace:
         end, d, order = self.end, self.stencil.components, self.end.order
         weights = end.weights[..., order, :][..., order] if d > 1 else end.weights
         phase = np.exp(1j * end.offsets[:, order[1:]] @ along)
-        found = np.zeros((2 * self.reach + 1, len(weights), d, d), complex)
+        blocks = np.zeros((2 * self.reach + 1, len(weights), d, d), complex)
         up = end.side * end.offsets[:, end.axis]
-        np.add.at(found, up + self.reach, (weights * phase[:, None, None]).swapaxes(0, 1))
-        found[self.reach] -= weights.sum(1) + self.stencil.own
-        return found.swapaxes(0, 1)
+        np.add.at(blocks, up + self.reach, (weights * phase[:, None, None]).swapaxes(0, 1))
+        blocks[self.reach] -= weights.sum(1) + self.stencil.own
+        return blocks.swapaxes(0, 1)
 
     def _modes(self, blocks: np.ndarray, squared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Factors downward, polarisations and speeds of the modes that leave the surface."""
@@ -129,35 +113,26 @@ class HalfSpace:
         factors, vectors, speeds.
         """
         factors, vectors, speeds = self._modes(self._blocks(along), squared)
-        d, count = self.stencil.components, self.own_rows
-        whole = self._system(along, squared, count)
+        d, count = self.stencil.components, self.unknown_rows
+        equations = self._system(along, squared, count)
         below = (factors[:, None] ** np.arange(2 * self.reach))[:, :, None] * vectors[:, None]
-        system = np.concatenate([whole[:, : count * d], whole[:, count * d :] @ below.reshape(len(factors), -1).T], 1)
-        return system, whole, factors, vectors, speeds
+        system = np.concatenate(
+            [equations[:, : count * d], equations[:, count * d :] @ below.reshape(len(factors), -1).T], 1
+        )
+        return system, equations, factors, vectors, speeds
 
     @property
-    def own_rows(self) -> int:
+    def unknown_rows(self) -> int:
         """Number of rows that are unknowns themselves."""
         return max(2 * self.reach, _ROWS)
 
     def total(self, squared: float, along: np.ndarray, root: complex, vector: np.ndarray) -> Column:
-        """A plane wave together with its reflection by the surface.
+        """A plane wave together with its reflection by the surface; an InputError if the wave does not come to the
+        surface.
 
-        Parameters
-        ----------
-        squared : float
-            Squared frequency, in units of ``coefficient / spacing^2``.
-        along : ndarray, shape (dim - 1,)
-            Wavenumbers along the surface, times spacing.
-        root : complex
-            Factor of the incoming wave from one row to the next one up.
-        vector : ndarray of complex, shape (d,)
-            Its displacement in the first row.
-
-        Raises
-        ------
-        InputError
-            The wave does not come to the surface.
+        `squared` is the squared frequency, in units of ``coefficient / spacing^2``, `along` (dim - 1,) the wavenumbers
+        along the surface times spacing, `root` the factor of the incoming wave from one row to the next one up, and
+        `vector` (d,) its displacement in the first row.
         """
         d, blocks = self.stencil.components, self._blocks(along)
         powers = np.arange(2 * self.reach + 1) - self.reach
@@ -166,15 +141,15 @@ class HalfSpace:
             raise InputError(
                 "the wave does not come to the surface", key="incident.direction", remedy="a direction towards it"
             )
-        system, whole, factors, vectors, speeds = self._unknowns(along, squared)
-        count = self.own_rows
+        system, equations, factors, vectors, speeds = self._unknowns(along, squared)
+        count = self.unknown_rows
         rows = np.arange(count + 2 * self.reach)
         wave = root ** -rows.astype(float)[:, None] * vector
         # the unknowns of the first rows are the total field, those below are the leaving waves
-        right = -whole[:, count * d :] @ wave[count:].ravel()
+        right = -equations[:, count * d :] @ wave[count:].ravel()
         scale = np.abs(system).max(0)
-        found = linalg.lstsq(system / scale, right)[0] / scale
-        top, amplitudes = found[: count * d].reshape(count, d), found[count * d :]
+        unknowns = linalg.lstsq(system / scale, right)[0] / scale
+        top, amplitudes = unknowns[: count * d].reshape(count, d), unknowns[count * d :]
         return Column(
             top,
             np.append(factors, 1 / root),
@@ -186,33 +161,21 @@ class HalfSpace:
         """The wave along the surface with the smallest residual in its equations; its vector of unknowns has unit
         length.
         """
-        d, count = self.stencil.components, self.own_rows
+        d, count = self.stencil.components, self.unknown_rows
         system, _, factors, vectors, speeds = self._unknowns(along, squared)
-        found = np.linalg.svd(system)[2][-1].conj()
-        top, amplitudes = found[: count * d].reshape(count, d), found[count * d :]
+        unknowns = np.linalg.svd(system)[2][-1].conj()
+        top, amplitudes = unknowns[: count * d].reshape(count, d), unknowns[count * d :]
         column = Column(top, factors, amplitudes[:, None] * vectors, speeds)
-        lacks = system @ found
+        residual = system @ unknowns
         field = column.at(count + self.reach).ravel()
-        return Column(top, factors, column.vectors, speeds, complex(field.conj() @ lacks))
+        return Column(top, factors, column.vectors, speeds, complex(field.conj() @ residual))
 
     def surface_wave(self, squared: float, direction: np.ndarray, start: float) -> tuple[float, Column]:
-        """The wave along the surface of one frequency, near a wavenumber times spacing.
+        """The wavenumber times spacing near `start`, and the wave of one squared frequency along the surface in a
+        direction, a unit vector (dim - 1,); an InputError if there is none because it would radiate energy downwards.
 
         The column is Hermitian, so that ``u* (H + Omega^2) u``, for the wave u with the smallest residual, is accurate
         to second order in the error of u; its zero as a function of the wavenumber is found by the secant method.
-
-        Parameters
-        ----------
-        squared : float
-            Squared frequency, in units of ``coefficient / spacing^2``.
-        direction : ndarray, shape (dim - 1,)
-            Along the surface, a unit vector.
-        start : float
-
-        Raises
-        ------
-        InputError
-            There is no such wave: it would radiate energy downwards.
         """
         numbers = [start, start * (1 + 1e-4)]
         columns = [self.free(squared, number * direction) for number in numbers]

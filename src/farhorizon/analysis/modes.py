@@ -19,28 +19,17 @@ from farhorizon.errors import InputError
 # square
 _OVERFLOW = 300.0
 _ODD = 1e-12  # rounding of the imaginary part, which is that of weights that are not symmetric
+_LOWEST = 1e-4  # S/rate below which longer waves have no higher weight
 _NODES = 1_000_000  # products of modes and offsets in memory at once
 
 
 def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.ndarray:
-    """Unit vectors around the outward normal, which is the first axis.
+    """Unit vectors (n, dim) around the outward normal, the first axis: `count` angles from -largest to largest
+    (radians), both included; in 3D the normal, and rings of 6, 12, 18, .. directions at the positive angles.
 
-    Parameters
-    ----------
-    dim : {1, 2, 3}
-    largest : float
-        Largest angle to the normal (radians).
-    count : int
-        Number of angles from -largest to largest, both included. In 3D the normal, and rings of 6, 12, 18, ..
-        directions at the positive angles.
-    balanced : bool
-        False, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant around
-        (1, 1, 1), rotated so that this vector becomes the normal; it repeats one direction and favours one side.
-        `largest` has no effect.
-
-    Returns
-    -------
-    ndarray, shape (n, dim)
+    Not `balanced`, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant
+    around (1, 1, 1), rotated so that this vector becomes the normal; it repeats one direction and favours one side, and
+    `largest` has no effect.
     """
     if dim == 1:
         return np.ones((1, 1))
@@ -79,19 +68,8 @@ def frame(normal: np.ndarray) -> np.ndarray:
 
 
 def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """``sum_j w_j (1 - cos(k.x_j))`` of a stencil at real or complex wavevectors (Hermann et al. 2023, eq 52).
-
-    Parameters
-    ----------
-    k : ndarray, shape (M, dim)
-    offsets : ndarray, shape (J, dim)
-        Bond vectors in space.
-    weights : ndarray, shape (J,)
-        In units of the operator.
-
-    Returns
-    -------
-    ndarray, shape (M,)
+    """``sum_j w_j (1 - cos(k.x_j))``, (M,), of a stencil with bond vectors in space (J, dim) and weights (J,) in units
+    of the operator, at real or complex wavevectors (M, dim) (Hermann et al. 2023, eq 52).
     """
     rows = max(1, _NODES // len(weights))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -101,19 +79,8 @@ def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> 
 
 
 def polarised(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Symbols and polarisations of a field of several components: eigenvalues and eigenvectors of the matrix
-    ``sum_j w_j (1 - exp(i k.x_j))``.
-
-    Parameters
-    ----------
-    k : ndarray, shape (M, dim)
-    offsets, weights : ndarray, shapes (J, dim) and (J, d, d)
-        As in `discrete_symbol`.
-
-    Returns
-    -------
-    symbol, polar : ndarray, shapes (M d,) and (M d, d)
-        Those of one wavevector one after the other.
+    """Symbols (M d,) and polarisations (M d, d) of a field of several components, those of one wavevector one after the
+    other: eigenvalues and eigenvectors of the matrix ``sum_j w_j (1 - exp(i k.x_j))``, for weights (J, d, d).
     """
     phase = k @ offsets.T
     matrix = np.tensordot(2 * np.sin(phase / 2) ** 2 - 1j * np.sin(phase), weights, 1)
@@ -133,29 +100,10 @@ def series_symbol(k: np.ndarray, coefficient: float, horizon: float, terms: np.n
 
 
 def factors(symbol: np.ndarray, dt: float, order: int, damping: float = 0.0, discrete: bool = True) -> np.ndarray:
-    """Factor per step of each mode.
+    """Factor per step, (M,), of modes with symbols S at outgoing wavevectors; with `discrete` False in continuous time.
+    An InputError if modes overflow, or waves are too short for the step.
 
-    Parameters
-    ----------
-    symbol : ndarray, shape (M,)
-        S at outgoing wavevectors.
-    dt : float
-    order : {1, 2}
-        Diffusion or waves.
-    damping : float
-        d in ``2 d u_t``.
-    discrete : bool
-        Whether the factor is that of the scheme; False: in continuous time.
-
-    Returns
-    -------
-    ndarray, shape (M,)
-        For waves, the root that moves outwards, ``exp(-i w dt)`` with w > 0; of two real roots, the one nearer to 1.
-
-    Raises
-    ------
-    InputError
-        Modes overflow, or waves are too short for the step.
+    For waves, the root that moves outwards, ``exp(-i w dt)`` with w > 0; of two real roots, the one nearer to 1.
     """
     largest = float(np.abs(dt**order * symbol).max())
     if not largest < (_OVERFLOW if order == 1 else 4.0):
@@ -168,23 +116,19 @@ def factors(symbol: np.ndarray, dt: float, order: int, damping: float = 0.0, dis
         )
     if order == 1:
         return 1 - dt * symbol if discrete else np.exp(-dt * symbol)
-    share = damping * dt
+    damped = damping * dt
     if discrete:
-        half, last = (1 - dt**2 * symbol / 2) / (1 + share), (1 - share) / (1 + share)
-        rest = np.asarray(last - half**2, complex)
-        return np.where(rest.real >= 0, half - 1j * np.sqrt(rest), half + np.sqrt(-rest))
-    rest = np.asarray(symbol - damping**2, complex)
-    return np.exp(-share) * np.where(rest.real >= 0, np.exp(-1j * dt * np.sqrt(rest)), np.exp(dt * np.sqrt(-rest)))
+        half, last = (1 - dt**2 * symbol / 2) / (1 + damped), (1 - damped) / (1 + damped)
+        squared = np.asarray(last - half**2, complex)
+        return np.where(squared.real >= 0, half - 1j * np.sqrt(squared), half + np.sqrt(-squared))
+    squared = np.asarray(symbol - damping**2, complex)
+    return np.exp(-damped) * np.where(
+        squared.real >= 0, np.exp(-1j * dt * np.sqrt(squared)), np.exp(dt * np.sqrt(-squared))
+    )
 
 
 def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """``exp(i k.x)`` of modes (M, dim) at places (J, dim); shape (M, J).
-
-    Raises
-    ------
-    InputError
-        Modes overflow.
-    """
+    """``exp(i k.x)`` of modes (M, dim) at places (J, dim); shape (M, J). An InputError if they overflow."""
     exponent = 1j * (k @ places.T)
     largest = float(np.abs(exponent.real).max(initial=0))
     if not largest < _OVERFLOW:
@@ -199,134 +143,91 @@ def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 class Fit(NamedTuple):
-    """Weights that give the next value at a cloud's centre.
+    """Weights that give the next value at a cloud's centre."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (levels, J), or (levels, J d, d) for a field of d components
-        For the present step and earlier ones; for each component at the centre, the components of the nodes, node by
-        node.
-    condition : float
-        Condition number of what was inverted: without the singular values that are cut off, and with regularisation.
-    """
-
+    #: For the present step and earlier ones, (levels, J), or (levels, J d, d) for a field of d components: for each
+    #: component at the centre, the components of the nodes, node by node.
     weights: np.ndarray
+    #: Condition number of what was inverted: without the singular values that are cut off, and with regularisation.
     condition: float
 
 
-def fit(
-    modes: np.ndarray,
-    factor: np.ndarray,
-    levels: int,
-    *,
-    regularization: float | None = None,
-    rcond: float = 1e-12,
-    polar: np.ndarray | None = None,
-) -> Fit:
-    """Weights that give the next value at a cloud's centre from the values of the cloud at the present and earlier
-    steps, fitted to modes.
+class CloudModes(NamedTuple):
+    """Modes at the nodes of a cloud."""
 
-    They are the least-squares fit of the factor per step over all modes, of minimal norm (Shojaei et al. 2020, eq 44;
+    values: np.ndarray  # relative to the centre, (M, J)
+    factor: np.ndarray  # per step, (M,)
+    symbol: np.ndarray  # S, (M,)
+    polar: np.ndarray | None = None  # polarisations of a field of d components, (M, d)
+
+    def of_components(self) -> tuple[np.ndarray, np.ndarray]:
+        """The modes at the components of all nodes, shape (M, J d), and at the centre: 1, or the polarisations."""
+        if self.polar is None:
+            return self.values, np.ones(len(self.values))
+        return (self.values[:, :, None] * self.polar[:, None]).reshape(len(self.values), -1), self.polar
+
+
+def fit(cloud: CloudModes, levels: int, *, regularization: float | None = None, rcond: float = 1e-12) -> Fit:
+    """Weights that give the next value at a cloud's centre from the values of the cloud at the present and earlier
+    steps: the least-squares fit of the factor per step over all modes, of minimal norm (Shojaei et al. 2020, eq 44;
     Hermann et al. 2023, eq 50).
 
-    Parameters
-    ----------
-    modes : ndarray, shape (M, J)
-        At the cloud's nodes, relative to the centre.
-    factor : ndarray, shape (M,)
-    levels : int
-        Number of time levels that are read.
-    regularization : float, optional
-        Parameter of Tikhonov's method, relative to the largest singular value. Without it, singular values below
-        `rcond` times the largest are cut off.
-    polar : ndarray, shape (M, d), optional
-        Polarisations of the modes of a field of d components.
+    `regularization` is the parameter of Tikhonov's method, relative to the largest singular value; without it, singular
+    values below `rcond` times the largest are cut off.
     """
-    modes, unit = _of_components(modes, polar)
+    (modes, unit), factor = cloud.of_components(), cloud.factor
     matrix = np.concatenate([modes * factor[:, None] ** -float(level) for level in range(levels)], axis=1)
     weights, condition = _solve(matrix, (factor * unit.T).T, regularization, rcond)
     return Fit(weights.reshape(levels, -1, *unit.shape[1:]), condition)
 
 
-def _of_components(modes: np.ndarray, polar: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Modes at the components of all nodes, shape (M, J d), and at the centre: 1, or the polarisations."""
-    if polar is None:
-        return modes, np.ones(len(modes))
-    return (modes[:, :, None] * polar[:, None]).reshape(len(modes), -1), polar
-
-
-def fit_operator(
-    modes: np.ndarray,
-    factor: np.ndarray,
-    symbol: np.ndarray,
-    centre: int,
-    dt: float,
-    order: int,
-    rate: float,
-    regularization: float,
-    polar: np.ndarray | None = None,
-) -> Fit:
-    """As `fit`, but fitted to the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which
-    has a limit as dt goes to 0.
+def fit_operator(cloud: CloudModes, centre: int, dt: float, order: int, rate: float, regularization: float) -> Fit:
+    """As `fit`, but fitted to the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, the
+    node of this number, which has a limit as dt goes to 0.
 
     ``(u+ - 2u + u-)/dt^2 = sum_j a_j u_j + b_j (u_j - u_j^-)/dt``: the reflection of a mode is approximately its
-    residual over S, so that each has the weight ``(S/rate + 1e-4)^-1.5``, which favours long waves.
-
-    Parameters
-    ----------
-    modes, factor, polar
-        As in `fit`.
-    symbol : ndarray, shape (M,)
-    centre : int
-        Index of the centre among the nodes.
-    dt : float
-    order : {1, 2}
-    rate : float
-        Coefficient over squared spacing, which scales the unknowns to the order of 1.
-    regularization : float
-        Parameter of Tikhonov's method, absolute, in those units.
+    residual over S, so that each has the weight ``(S/rate + 1e-4)^-1.5``, which favours long waves. `rate`, the
+    coefficient over squared spacing, scales the unknowns to the order of 1; the parameter of Tikhonov's method is
+    absolute in those units.
     """
-    modes, unit = _of_components(modes, polar)
-    weight = (np.abs(symbol) / rate + _LOWEST) ** -1.5
+    (modes, unit), factor = cloud.of_components(), cloud.factor
+    weight = (np.abs(cloud.symbol) / rate + _LOWEST) ** -1.5
     if order == 1:
-        wanted = ((factor - 1) / (dt * rate) * weight * unit.T).T
-        a, condition = _solve(weight[:, None] * modes, wanted, regularization, 0.0, absolute=True)
+        right = ((factor - 1) / (dt * rate) * weight * unit.T).T
+        a, condition = _solve(weight[:, None] * modes, right, regularization, 0.0, absolute=True)
         update = dt * rate * a[None]
     else:
         speed = np.sqrt(rate)
         change = (1 - 1 / factor) / (dt * speed)
-        wanted = ((factor - 2 + 1 / factor) / (dt**2 * rate) * weight * unit.T).T
+        right = ((factor - 2 + 1 / factor) / (dt**2 * rate) * weight * unit.T).T
         matrix = np.concatenate([modes, modes * change[:, None]], axis=1) * weight[:, None]
-        unknowns, condition = _solve(matrix, wanted, regularization, 0.0, absolute=True)
+        unknowns, condition = _solve(matrix, right, regularization, 0.0, absolute=True)
         a, b = unknowns.reshape(2, -1, *unit.shape[1:])
         update = np.array([dt**2 * rate * a + dt * speed * b, -dt * speed * b])
-    count = 1 if polar is None else polar.shape[1]
-    own = slice(centre * count, (centre + 1) * count)
-    itself = np.ones(1) if polar is None else np.eye(count)
-    update[0, own] += order * itself
-    update[1:, own] -= itself
+    count = 1 if cloud.polar is None else cloud.polar.shape[1]
+    centre_entries = slice(centre * count, (centre + 1) * count)
+    identity = np.ones(1) if cloud.polar is None else np.eye(count)
+    update[0, centre_entries] += order * identity
+    update[1:, centre_entries] -= identity
     return Fit(update, condition)
 
 
-_LOWEST = 1e-4  # S/rate below which longer waves have no higher weight
-
-
 def _solve(
-    matrix: np.ndarray, wanted: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False
+    matrix: np.ndarray, target: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False
 ) -> tuple[np.ndarray, float]:
     """Real least-squares solution of complex equations by singular values, cut off at `rcond` or regularized, and the
     condition number of what was inverted.
     """
     real = np.concatenate([matrix.real, matrix.imag])
     left, values, right = np.linalg.svd(real, full_matrices=False)
-    part = left.T @ np.concatenate([wanted.real, wanted.imag])
+    projected = left.T @ np.concatenate([target.real, target.imag])
     if regularization is None:
-        kept = values > rcond * values[0]
-        inverse = np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)
-        condition = values[0] / values[kept][-1]
+        used = values > rcond * values[0]
+        inverse = np.where(used, 1 / np.where(used, values, 1.0), 0.0)
+        condition = values[0] / values[used][-1]
     else:
         added = (regularization * (1.0 if absolute else values[0])) ** 2
         inverse = values / (values**2 + added)
         with np.errstate(divide="ignore"):
             condition = np.sqrt((values[0] ** 2 + added) / (values[-1] ** 2 + added))
-    return right.T @ (inverse * part.T).T, float(condition)
+    return right.T @ (inverse * projected.T).T, float(condition)

@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.wave_surface import along, carried, outgoing
+from farhorizon.analysis.wave_surface import along, carried_band, outgoing
 from farhorizon.errors import InputError
 
 #: Types of waves by the number of components of the field, the fastest first.
@@ -23,17 +23,11 @@ _MOST = 512  # largest number of rings of directions
 
 
 class CrossSections(NamedTuple):
-    """Cross sections of a scatterer: power over incident power per area (in two dimensions per length).
+    """Cross sections of a scatterer, (F,): power over incident power per area (in two dimensions per length)."""
 
-    Attributes
-    ----------
-    scattering : ndarray, shape (F,)
-        Of the scattered power, which leaves the box.
-    total : ndarray, shape (F,)
-        Of the power removed from the wave, scattered or absorbed: by the optical theorem, from forward scattering.
-    """
-
+    #: Of the scattered power, which leaves the box.
     scattering: np.ndarray
+    #: Of the power removed from the wave, scattered or absorbed: by the optical theorem, from forward scattering.
     total: np.ndarray
 
 
@@ -96,8 +90,8 @@ class Pattern:
         r, across = kinds.number(distance, "distance", above=0), self.directions.shape[1] - 1
         phases = np.exp(-1j * r * np.einsum("fbdi,di->fbd", self.wave_vectors, self.directions))
         waves = (self.amplitudes * phases)[..., None] * self.polarisations
-        found = waves.sum(1) / r ** (across / 2)
-        return np.asarray(found[..., 0] if len(self.waves) == 1 else found)
+        field = waves.sum(1) / r ** (across / 2)
+        return np.asarray(field[..., 0] if len(self.waves) == 1 else field)
 
 
 def squared_frequency(scheme: Scheme, frequency: float) -> complex:
@@ -105,35 +99,31 @@ def squared_frequency(scheme: Scheme, frequency: float) -> complex:
     damping of the scheme.
     """
     factor = np.exp(-2j * np.pi * frequency * scheme.dt)
-    found = complex(-scheme.recursion.eigenvalue(factor) / scheme.rate)
-    return found if scheme.recursion.keep < 1 else complex(found.real)
+    eigenvalue = complex(-scheme.recursion.eigenvalue(factor) / scheme.rate)
+    return eigenvalue if scheme.recursion.keep < 1 else complex(eigenvalue.real)
 
 
 def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarray:
-    """Frequencies, checked to be such that the lattice of a scheme carries their waves in all directions.
-
-    Raises
-    ------
-    InputError
-        The lattice does not carry some of them, or the scheme is not one for waves.
+    """Frequencies, checked to be such that the lattice of a scheme for waves carries their waves in all directions;
+    InputError otherwise.
     """
-    found = np.atleast_1d(kinds.array(frequencies, key))
-    found = kinds.array(found, key, shape=(None,))
-    if not found.size:
-        return found
+    checked = np.atleast_1d(kinds.array(frequencies, key))
+    checked = kinds.array(checked, key, shape=(None,))
+    if not checked.size:
+        return checked
     if scheme.order != 2:
         raise InputError(
             "only waves have a pattern by frequency",
-            value=found,
+            value=checked,
             limit="Wave or Elastic",
             key=key,
             remedy="FarField.at, in time, serves",
         )
     nyquist = 0.5 / scheme.dt
-    roots = np.sqrt(np.array(carried(scheme.stencil)) * scheme.rate) * scheme.dt / 2
+    roots = np.sqrt(np.array(carried_band(scheme.stencil)) * scheme.rate) * scheme.dt / 2
     lowest, highest = np.arcsin(np.minimum(roots, 1.0)) * 2 * nyquist / np.pi
     width = highest - lowest
-    wrong = found[(found <= lowest + _NEAREST * width) | (found >= highest - _NEAREST * width)]
+    wrong = checked[(checked <= lowest + _NEAREST * width) | (checked >= highest - _NEAREST * width)]
     if wrong.size:
         raise InputError(
             "the lattice does not carry waves of this frequency in all directions",
@@ -142,17 +132,12 @@ def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarra
             key=key,
             remedy="a lower frequency, or a finer lattice" if wrong[0] > lowest else "a higher frequency",
         )
-    return found
+    return checked
 
 
 def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
     """Unit vectors (D, dim) from vectors, or from a number of evenly spaced ones: both directions on a line, angles
     from the x axis in the plane, in space that number in each of the planes xy, yz and zx.
-
-    Raises
-    ------
-    InputError
-        Vectors are zero or of another dimension, or the number is below one.
     """
     if isinstance(given, int) and not isinstance(given, bool):
         turn = 2 * np.pi * np.arange(kinds.integer(given, key, least=1)) / given
@@ -160,9 +145,9 @@ def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
         if dim == 1:
             return np.array([[1.0], [-1.0]])
         return circle[:, :2] if dim == 2 else np.concatenate([np.roll(circle, axis, 1) for axis in range(3)])
-    found = kinds.array(np.atleast_2d(kinds.array(given, key)), key, shape=(None, dim))
-    lengths = np.linalg.norm(found, axis=1)
-    if not len(found) or not lengths.all():
+    vectors = kinds.array(np.atleast_2d(kinds.array(given, key)), key, shape=(None, dim))
+    lengths = np.linalg.norm(vectors, axis=1)
+    if not len(vectors) or not lengths.all():
         raise InputError(
             "directions are one or more vectors that are not zero",
             value=given,
@@ -170,37 +155,22 @@ def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
             key=key,
             remedy="a number of even directions, or vectors of any length",
         )
-    return found / lengths[:, None]
+    return vectors / lengths[:, None]
 
 
 def waves_sent(
     scheme: Scheme, squared: complex, nodes: np.ndarray, forces: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Amplitudes of the waves that forces radiate, for unit spacing.
+    """Amplitudes (B, D), polarisations, wave vectors and slopes of the waves that forces radiate, for unit spacing; as
+    `Outgoing`, with the slopes of the operator's eigenvalue.
 
-    Parameters
-    ----------
-    scheme : Scheme
-    squared : complex
-        As from `squared_frequency`.
-    nodes : ndarray, shape (W, dim)
-        Positions of the forces, in spacings.
-    forces : ndarray of complex, shape (components, W)
-        Accelerations, with time dependence ``exp(-i omega t)``.
-    directions : ndarray, shape (D, dim)
-
-    Returns
-    -------
-    amplitudes : ndarray of complex, shape (B, D)
-    polarisations : ndarray of complex, shape (B, D, components)
-    wave_vectors : ndarray of complex, shape (B, D, dim)
-    slopes : ndarray of complex, shape (B, D)
-        Derivatives of the eigenvalue of the operator along the direction.
+    The forces (components, W) at positions (W, dim), in spacings, are accelerations with time dependence ``exp(-i omega
+    t)``; `squared` is from `squared_frequency`.
     """
-    found = outgoing(scheme.stencil, squared, directions)
-    sums = transform(nodes, forces, found.wave_vectors)
-    amplitudes = (found.projections * sums).sum(-1) * found.amplitudes / scheme.rate
-    return amplitudes, found.polarisations, found.wave_vectors, scheme.rate * found.slopes
+    waves = outgoing(scheme.stencil, squared, directions)
+    sums = transform(nodes, forces, waves.wave_vectors)
+    amplitudes = (waves.projections * sums).sum(-1) * waves.amplitudes / scheme.rate
+    return amplitudes, waves.polarisations, waves.wave_vectors, scheme.rate * waves.slopes
 
 
 def transform(nodes: np.ndarray, forces: np.ndarray, wave_vectors: np.ndarray) -> np.ndarray:
@@ -212,7 +182,8 @@ def transform(nodes: np.ndarray, forces: np.ndarray, wave_vectors: np.ndarray) -
 
 
 def powers_sent(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    r"""Twice the mean power that forces radiate in each type of wave, over mass and frequency, for unit spacing.
+    r"""Twice the mean power that forces radiate in each of `KINDS`, over mass and frequency, for unit spacing; in space
+    both S waves together, as each alone has edges where they touch. Arguments as for `waves_sent`, without damping.
 
     With the Green function as an integral over wave vectors, :math:`\mathrm{Im} \sum f^* G f` is
 
@@ -220,36 +191,26 @@ def powers_sent(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.nd
 
     over the wave surfaces :math:`\lambda(k) = \Omega^2`, where F is the transform of the forces. This is an integral
     over directions of k, exact on the lattice, whether or not several waves of a type travel in one direction.
-
-    Parameters
-    ----------
-    scheme, squared, nodes, forces
-        As for `waves_sent`, without damping.
-
-    Returns
-    -------
-    ndarray, shape (waves,)
-        One for each of `KINDS`: in space both S waves together, as each alone has edges where they touch.
     """
     rings = int(np.linalg.norm(np.ptp(nodes, axis=0)) * np.sqrt(squared)) + 12
     before = _over_surfaces(scheme, squared, nodes, forces, rings)
     while scheme.stencil.dim > 1:
         rings += rings // 2
-        found = _over_surfaces(scheme, squared, nodes, forces, rings)
-        if np.abs(found - before).max() <= _SUMMED * found.sum() or rings > _MOST:
-            return found
-        before = found
+        powers = _over_surfaces(scheme, squared, nodes, forces, rings)
+        if np.abs(powers - before).max() <= _SUMMED * powers.sum() or rings > _MOST:
+            return powers
+        before = powers
     return before
 
 
 def _over_surfaces(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.ndarray, rings: int) -> np.ndarray:
     dim = scheme.stencil.dim
     rays, weights = all_around(dim, rings)
-    found = along(scheme.stencil, squared, rays)
-    sums = np.abs((found.projections * transform(nodes, forces, found.wave_vectors)).sum(-1)) ** 2
-    sizes = np.linalg.norm(found.wave_vectors, axis=-1) ** (dim - 1) / (found.gradients * rays).sum(-1)
-    each = np.pi / (2 * np.pi) ** dim / scheme.rate * (weights * sizes * sums).sum(-1)
-    return np.append(each[:1], each[1:].sum()) if len(each) > 1 else np.asarray(each)
+    waves = along(scheme.stencil, squared, rays)
+    sums = np.abs((waves.projections * transform(nodes, forces, waves.wave_vectors)).sum(-1)) ** 2
+    sizes = np.linalg.norm(waves.wave_vectors, axis=-1) ** (dim - 1) / (waves.gradients * rays).sum(-1)
+    powers = np.pi / (2 * np.pi) ** dim / scheme.rate * (weights * sizes * sums).sum(-1)
+    return np.append(powers[:1], powers[1:].sum()) if len(powers) > 1 else np.asarray(powers)
 
 
 def all_around(dim: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
@@ -270,22 +231,12 @@ def all_around(dim: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class ArrivingPlane:
-    """The spectrum of a plane wave at one frequency, for unit spacing: the sum of the branches of which it consists.
+    """The spectrum of a plane wave at one frequency, for unit spacing: the sum of its B branches."""
 
-    Attributes
-    ----------
-    amplitudes : ndarray of complex, shape (B,)
-        At the origin, with time dependence ``exp(-i omega t)``.
-    wave_vectors : ndarray of complex, shape (B, dim)
-    polarisations : ndarray of complex, shape (B, components)
-    slopes : ndarray, shape (B,)
-        Length of the gradient of the operator's eigenvalue.
-    """
-
-    amplitudes: np.ndarray
+    amplitudes: np.ndarray  # at the origin, with time dependence ``exp(-i omega t)``
     wave_vectors: np.ndarray
     polarisations: np.ndarray
-    slopes: np.ndarray
+    slopes: np.ndarray  # lengths of the gradients of the operator's eigenvalue
 
     @classmethod
     def of(
@@ -299,24 +250,15 @@ class ArrivingPlane:
     ) -> ArrivingPlane:
         """The wave whose displacement along `vector` (None for a scalar) is `amplitude` on the plane at the distance
         `place` along its path.
-
-        Parameters
-        ----------
-        scheme : Scheme
-        squared : complex
-        direction : ndarray, shape (dim,)
-        vector : ndarray, shape (components,), or None
-        amplitude : complex
-        place : float
         """
-        found = along(scheme.stencil, squared.real, direction[None])
+        waves = along(scheme.stencil, squared.real, direction[None])
         # the choice of `PlanePulse`: the fastest branch, or those at right angles to it
         used = slice(0, 1) if vector is None or abs(vector @ direction) > 0.5 else slice(1, None)
-        vectors, shapes = found.wave_vectors[used, 0], found.polarisations[used, 0]
-        shares = np.ones(1) if vector is None else shapes.conj() @ vector
+        vectors, shapes = waves.wave_vectors[used, 0], waves.polarisations[used, 0]
+        parts = np.ones(1) if vector is None else shapes.conj() @ vector
         phases = np.exp(-1j * (vectors @ direction) * place)
-        slopes = scheme.rate * np.linalg.norm(found.gradients[used, 0], axis=-1)
-        return cls(amplitude * shares * phases, vectors, shapes, slopes)
+        slopes = scheme.rate * np.linalg.norm(waves.gradients[used, 0], axis=-1)
+        return cls(amplitude * parts * phases, vectors, shapes, slopes)
 
     def field(self, nodes: np.ndarray) -> np.ndarray:
         """The wave at positions (W, dim), shape (components, W)."""

@@ -1,45 +1,36 @@
-"""The number of nodes per shortest wave of a frequency on a lattice."""
+"""Waves on a lattice: those that a field contains, the nodes per wavelength, and what dispersion does to a signal."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import fft
 
 from farhorizon.medium.stencil import Stencil
 
 ENOUGH = 6.0  # nodes per wavelength of a well-resolved wave
 _SAMPLES = 512  # samples of a branch between the middle and the edge of the Brillouin zone
+_PARTS = (0.001, 0.5, 0.999)  # parts of the energy, counted from the longest wave
+_MOMENTS = 2048  # number of times at which a source is sampled
+_PADS = 2  # size of the box over that of the field: as much empty space again
 
 
 class Resolution(NamedTuple):
-    """How a lattice resolves the waves of a frequency.
+    """How a lattice resolves the waves of a frequency."""
 
-    Attributes
-    ----------
-    nodes : float
-        Nodes per wavelength of the shortest wave along an axis or a diagonal; 0 where the lattice does not carry one of
-        the waves, and infinite below the lowest frequency of a medium with a reaction.
-    scale : float
-        Factor on spacing and time step with which the shortest wave would have `ENOUGH` nodes.
-    """
-
+    #: Nodes per wavelength of the shortest wave along an axis or a diagonal; 0 where the lattice does not carry one of
+    #: the waves, and infinite below the lowest frequency of a medium with a reaction.
     nodes: float
+    #: Factor on spacing and time step with which the shortest wave would have `ENOUGH` nodes.
     scale: float
 
 
 def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Resolution:
-    """How a lattice resolves the waves of a frequency, by the dispersion of stencil and velocity Verlet.
-
-    Parameters
-    ----------
-    stencil : Stencil
-    rate : float
-        Factor on the stencil, squared speed over squared spacing.
-    dt : float
-    frequency : float
-        In cycles per time.
+    """How a lattice resolves the waves of a frequency (cycles per time), by the dispersion of stencil and velocity
+    Verlet; `rate`, the squared speed over the squared spacing, is the factor on the stencil.
 
     Examples
     --------
@@ -54,24 +45,18 @@ def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Re
     enough = np.arcsin(min(1.0, min(lowest) * np.sqrt(rate) * dt / 2)) / (np.pi * dt)
     if frequency * dt >= 0.5:  # beyond the Nyquist frequency of the steps
         return Resolution(0.0, float(enough / frequency))
-    wanted = 2 / dt * np.sin(np.pi * frequency * dt) / np.sqrt(rate)
-    largest = max(_wavenumber(numbers, branch, wanted) for numbers, values in lines for branch in values.T)
+    root = 2 / dt * np.sin(np.pi * frequency * dt) / np.sqrt(rate)
+    largest = max(_wavenumber(numbers, branch, root) for numbers, values in lines for branch in values.T)
     nodes = np.inf if largest == 0 else 2 * np.pi / largest
     return Resolution(float(nodes), float(enough / frequency))
 
 
 class Dispersion(NamedTuple):
-    """What the dispersion of a lattice does to a signal on its way, relative to waves that all have one speed.
+    """What the dispersion of a lattice does to a signal on its way, relative to waves that all have one speed."""
 
-    Attributes
-    ----------
-    cycles : float
-        Cycles by which half of the amplitude, the part of higher frequencies, lags at least (if negative, it leads).
-    error : float
-        Largest error of the trace relative to the largest value of the signal.
-    """
-
+    #: Cycles by which half of the amplitude, the part of higher frequencies, lags at least (if negative, it leads).
     cycles: float
+    #: Largest error of the trace relative to the largest value of the signal.
     error: float
 
 
@@ -88,44 +73,34 @@ def lines_of(stencil: Stencil) -> Lines:
 def dispersion(
     lines: Lines, rate: float, dt: float, frequencies: np.ndarray, amplitudes: np.ndarray, distance: float
 ) -> Dispersion:
-    """What stencil and velocity Verlet do to a signal whose frequencies have their peaks at the same time, along the
-    axis or diagonal on which its waves are delayed most.
+    """What stencil and velocity Verlet do over a distance in nodes to a signal whose frequencies have their peaks at
+    the same time, along the axis or diagonal on which its waves are delayed most; `rate` as in `resolution`.
 
-    Parameters
-    ----------
-    lines : list of (ndarray, ndarray)
-        `lines_of` a stencil.
-    rate, dt : float
-        As in `resolution`.
-    frequencies : ndarray, shape (n,)
-        Multiples of one frequency from 0 on, in cycles per time.
-    amplitudes : ndarray, shape (n,)
-    distance : float
-        Length of the way, in nodes.
+    The frequencies (n,), in cycles per time, are multiples of one from 0 on; `lines` are `lines_of` a stencil.
 
     Examples
     --------
     >>> from farhorizon.medium.stencil import Stencil
     >>> lines, frequencies = lines_of(Stencil.finite_difference(1)), np.array([0.0, 0.1])
-    >>> found = dispersion(lines, 1.0, 0.1, frequencies, np.array([0.0, 1.0]), 20.0)  # 2 wavelengths of 10 nodes
-    >>> round(found.cycles, 3), round(found.error, 3)
+    >>> lag = dispersion(lines, 1.0, 0.1, frequencies, np.array([0.0, 1.0]), 20.0)  # 2 wavelengths of 10 nodes
+    >>> round(lag.cycles, 3), round(lag.error, 3)
     (0.034, 0.213)
     """
-    wanted = 2 / dt * np.sin(np.pi * np.minimum(frequencies * dt, 0.5)) / np.sqrt(rate)
+    roots = 2 / dt * np.sin(np.pi * np.minimum(frequencies * dt, 0.5)) / np.sqrt(rate)
     omega = 2 * np.pi * frequencies / np.sqrt(rate)
     phases = [
-        distance * (_wavenumbers(numbers, branch, wanted) - omega * numbers[1] / branch[1]) for numbers, branch in lines
+        distance * (_wavenumbers(numbers, branch, roots) - omega * numbers[1] / branch[1]) for numbers, branch in lines
     ]
-    phase = max(phases, key=lambda one: float(amplitudes @ np.abs(one)))
-    missed = np.fft.fft(amplitudes * (1 - np.exp(-1j * phase)), 8 * len(phase)).real  # eight times per shortest period
+    phase = max(phases, key=lambda delay: float(amplitudes @ np.abs(delay)))
+    error = np.fft.fft(amplitudes * (1 - np.exp(-1j * phase)), 8 * len(phase)).real  # eight times per shortest period
     middle = int(np.searchsorted(amplitudes.cumsum(), amplitudes.sum() / 2))
-    return Dispersion(float(phase[middle] / (2 * np.pi)), float(np.abs(missed).max() / amplitudes.sum()))
+    return Dispersion(float(phase[middle] / (2 * np.pi)), float(np.abs(error).max() / amplitudes.sum()))
 
 
-def _wavenumbers(numbers: np.ndarray, branch: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _wavenumbers(numbers: np.ndarray, branch: np.ndarray, roots: np.ndarray) -> np.ndarray:
     """The wavenumbers up to the maximum of a branch at which it has some values; the last one where it stays below."""
     end = int(branch.argmax()) + 1
-    return np.interp(wanted, np.maximum.accumulate(branch[:end]), numbers[:end])
+    return np.interp(roots, np.maximum.accumulate(branch[:end]), numbers[:end])
 
 
 def _directions(dim: int) -> list[tuple[int, ...]]:
@@ -142,12 +117,107 @@ def _branches(stencil: Stencil, direction: np.ndarray) -> tuple[np.ndarray, np.n
     return part * float(np.linalg.norm(direction)), np.sqrt(np.maximum(symbol, 0.0))
 
 
-def _wavenumber(numbers: np.ndarray, branch: np.ndarray, wanted: float) -> float:
+def _wavenumber(numbers: np.ndarray, branch: np.ndarray, root: float) -> float:
     """The first wavenumber at which a branch has a value; 0 where it begins above, infinite where it stays below."""
-    above = branch >= wanted
+    above = branch >= root
     if not above.any():
         return np.inf
     end = int(np.argmax(above))
     if end == 0:
         return 0.0
-    return float(np.interp(wanted, branch[end - 1 : end + 1], numbers[end - 1 : end + 1]))
+    return float(np.interp(root, branch[end - 1 : end + 1], numbers[end - 1 : end + 1]))
+
+
+class Band(NamedTuple):
+    """Wavelengths, from the spectrum of a field: a thousandth, half and all but a thousandth of the energy lies in
+    longer waves.
+    """
+
+    longest: float
+    typical: float
+    shortest: float
+
+
+def band(
+    fields: Sequence[np.ndarray],
+    spacing: float,
+    orders: Sequence[int],
+    gains: Sequence[Callable[[np.ndarray], np.ndarray] | None] | None = None,
+) -> Band | None:
+    """Wavelengths of the waves that fields of one shape radiate (nan counts as 0); None if the fields are zero. No wave
+    is taken to be longer than four times the box or shorter than two spacings.
+
+    `orders` are the powers of the wavenumber in the amplitude that counts: 1 for displacements, whose energy is in
+    their gradient, 0 for velocities, sources and diffusing fields. `gains` are factors on each field's amplitude as
+    functions of the wavenumber times spacing: the spectrum of a source in time.
+    """
+    shape = fields[0].shape
+    box = [fft.next_fast_len(_PADS * n, real=True) for n in shape]
+    angles = [2 * np.pi * np.fft.fftfreq(n) for n in box[:-1]] + [2 * np.pi * np.fft.rfftfreq(box[-1])]
+    number = np.sqrt(np.asarray(sum(a**2 for a in np.ix_(*angles))))
+    energy = np.zeros(number.shape)
+    for values, order, gain in zip(fields, orders, gains or [None] * len(fields), strict=True):
+        power = np.abs(fft.rfftn(np.nan_to_num(np.asarray(values, float)), box)) ** 2 * number ** (2 * order)
+        if gain is not None:
+            power = power * gain(number) ** 2
+        if power.any():
+            energy += power / power.sum()
+    if not energy.any():
+        return None
+    order_of = np.argsort(number, axis=None)
+    summed = np.cumsum(energy.ravel()[order_of])
+    limits = number.ravel()[order_of][np.searchsorted(summed, np.array(_PARTS) * summed[-1])]
+    longest, typical, shortest = (
+        float(np.clip(2 * np.pi / max(k, 1e-9), 2.0, 4 * max(shape))) * spacing for k in limits
+    )
+    return Band(longest, typical, shortest)
+
+
+def faded(values: np.ndarray, free: Sequence[tuple[bool, bool]]) -> np.ndarray:
+    """Taper a scalar field (nan counts as 0) that continues beyond the lattice towards its sides, where a jump would
+    count as short waves.
+
+    Where it ends at the low or the high side of an axis (`free`), it is replaced by the half of the lattice at that
+    side and its mirror image, whose waves are as long.
+    """
+    for axis, (low, high) in enumerate(free):
+        along = np.nan_to_num(np.moveaxis(values, axis, -1))
+        n, half = along.shape[-1], along.shape[-1] // 2
+        if half and (low or high):
+            near = along[..., n - half :] if high else along[..., half - 1 :: -1]
+            along = np.concatenate([near, near[..., ::-1], np.zeros_like(along[..., : n % 2])], -1)
+        values = np.moveaxis(along * np.hanning(n + 2)[1:-1], -1, axis)
+    return values
+
+
+def gain_of_time(
+    time: Callable[[float], float], until: float, rate: float, lowest: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Factor on the waves of a source due to its time function: its spectrum up to the end of the run at the frequency
+    of each wavenumber. `rate` is speed over spacing, `lowest` the squared frequency of the longest waves; if it is
+    negative they grow, and do not oscillate.
+    """
+    moments = np.linspace(0, until, _MOMENTS)
+    values = np.array([time(float(t)) for t in moments])
+    amplitudes = np.abs(np.fft.rfft(values, 2 * _MOMENTS))
+    frequencies = 2 * np.pi * np.fft.rfftfreq(2 * _MOMENTS, moments[1])
+
+    def gain(number: np.ndarray) -> np.ndarray:
+        frequency = np.sqrt(np.maximum((rate * number) ** 2 + lowest, 0.0))
+        return np.asarray(np.interp(frequency, frequencies, amplitudes, right=0.0))
+
+    return gain
+
+
+def gain_of_spectrum(
+    spectrum: Callable[[np.ndarray], np.ndarray], longest: float, rate: float, lowest: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """`gain_of_time` for a signal whose spectrum is a known function of the frequency in cycles per time; no period is
+    taken to be longer than `longest`, as the spectrum of a permanent load is infinite at 0.
+    """
+
+    def gain(number: np.ndarray) -> np.ndarray:
+        frequency = np.sqrt(np.maximum((rate * number) ** 2 + lowest, 0.0)) / (2 * np.pi)
+        return np.abs(spectrum(np.maximum(frequency, 1 / longest)))
+
+    return gain

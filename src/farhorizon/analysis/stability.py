@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -39,16 +40,7 @@ _PIECE = 1000  # steps of noise between which an interrupt takes effect
 
 
 class Allowance:
-    """Operations that an examination may still perform, in seconds of a typical core.
-
-    Parameters
-    ----------
-    seconds : float
-
-    Attributes
-    ----------
-    left, used : float
-    """
+    """Operations that an examination may still perform, in seconds of a typical core."""
 
     def __init__(self, seconds: float) -> None:
         self.left, self.used = seconds, 0.0
@@ -76,26 +68,17 @@ def eigenvalue_seconds(size: int) -> float:
 
 @dataclass(frozen=True)
 class Growth:
-    """What is known of the fastest growing mode of a map.
+    """What is known of the fastest growing mode of a map."""
 
-    Attributes
-    ----------
-    rate : float
-        Growth per crossing, (|factor| - 1)/dt; negative if the mode decays.
-    error : float
-        Bound on the error of the rate.
-    factor : complex
-        Factor of the mode per step.
-    mode : ndarray of complex
-        The growing state; empty if it was not requested.
-    hidden : float
-        Growth per crossing that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
-    """
-
+    #: Growth per crossing, (|factor| - 1)/dt; negative if the mode decays.
     rate: float
+    #: Bound on the error of the rate.
     error: float
+    #: Factor of the mode per step.
     factor: complex
+    #: The growing state; empty if it was not requested.
     mode: np.ndarray
+    #: Growth per crossing that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
     hidden: float = 0.0
 
     @property
@@ -111,42 +94,47 @@ class Growth:
         return float(abs(np.angle(self.factor)))
 
 
-def fastest(found: Sequence[Growth]) -> Growth:
+def fastest(results: Sequence[Growth]) -> Growth:
     """The result that decides: the fastest certain growth, or else that with the largest sum of rate and error."""
-    growing = [g for g in found if g.stable is False]
-    return max(growing, key=lambda g: g.rate) if growing else max(found, key=lambda g: g.rate + g.error)
+    growing = [g for g in results if g.stable is False]
+    return max(growing, key=lambda g: g.rate) if growing else max(results, key=lambda g: g.rate + g.error)
+
+
+class LinearMap(NamedTuple):
+    """A linear one-step map that can only be applied."""
+
+    #: Maps a state and a number of steps to the state after these steps.
+    advance: Callable[[np.ndarray, int], np.ndarray]
+    #: Numbers in a state.
+    size: int
+    #: Time step in crossings of the set-up.
+    dt: float
+    #: Number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the whole domain
+    #: of the map, layers included.
+    crossing: int
+    #: Seconds that a step takes on a typical core.
+    cost: float
 
 
 def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
-    """Fastest mode of a map that is given as a matrix, from its eigenvalues.
+    """Fastest mode of a map that is given as a matrix, from its eigenvalues; dt is in crossings.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        The map of one step.
-    dt : float
-        Time step in crossings.
-
-    Returns
-    -------
-    Growth
-        Its error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its
-        transpose.
+    The error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its transpose.
     """
     if np.iscomplexobj(matrix) and np.abs(matrix.imag).max(initial=0) <= 1e-15 * np.abs(matrix).max(initial=0):
         matrix = matrix.real
     factors = linalg.eigvals(matrix, check_finite=False)
     order = np.argsort(-np.abs(factors))
     size = np.linalg.norm(matrix)
-    found: list[Growth] = []
+    growths: list[Growth] = []
     # among factors equally close to 1, an ill-conditioned one decides
     for factor in factors[order[: min(4, len(order))]]:
-        if found and abs(factor) < 1 - _CLEAR:
+        if growths and abs(factor) < 1 - _CLEAR:
             break
         right, left = _eigenvectors(matrix, factor)
         error = 4 * np.finfo(float).eps * size / max(abs(np.vdot(left, right)), 1e-300)
-        found.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))
-    return fastest(found)
+        growths.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))
+    return fastest(growths)
 
 
 def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -167,16 +155,7 @@ def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.n
     return vectors[0], vectors[1]
 
 
-def krylov_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray],
-    size: int,
-    dt: float,
-    crossing: int,
-    cost: float,
-    allowance: Allowance,
-    seed: int = 0,
-    subspace: int = _VECTORS,
-) -> Growth:
+def krylov_growth(update: LinearMap, allowance: Allowance) -> Growth:
     """Fastest mode of a map that can only be applied, from white noise.
 
     Noise runs for 20 crossing times; then Krylov spaces of ever higher powers of the map are built: in a high power the
@@ -184,138 +163,86 @@ def krylov_growth(
     too close to each other for that. Noise then runs on to 120 crossing times, and if its size decreases over the last
     third of them, that is the result.
 
-    Parameters
-    ----------
-    advance : callable
-        Maps a state and a number of steps to the state after these steps.
-    size : int
-        Size of a state.
-    dt : float
-        Time step in crossings.
-    crossing : int
-        Number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the whole domain
-        of the map, layers included.
-    cost : float
-        Seconds that a step takes on a typical core.
-    allowance : Allowance
-        Where it is used up, the examination ends.
-    seed : int
-        Of the noise.
-    subspace : int
-        Largest number of vectors in a Krylov space.
-
-    Returns
-    -------
-    Growth
-        Its error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and
-        infinite if the allowance was used up.
+    The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and infinite
+    if the allowance was used up.
     """
     unknown = Growth(0.0, np.inf, 1.0, np.zeros(0))
-    noise = _Noise(advance, size, dt, crossing, cost, seed)
+    noise = _Noise(update)
     if not noise.run(_NOISE, allowance):
         return noise.explosion() or unknown
-    power, x, long = crossing, noise.state, (_LONG - _NOISE) * crossing * cost
+    power, x, long = update.crossing, noise.state, (_LONG - _NOISE) * update.crossing * update.cost
     for _ in range(_POWERS):
-        spaces = subspace * power * cost
+        spaces = _VECTORS * power * update.cost
         if spaces + long > allowance.left >= long:  # the long run must follow, where it is allowed
             break
         if not allowance.take(spaces):
             break
-        least = max(4, _LEAST * crossing // power)
-        found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size))  # noqa: B023
-        if found.stable is not None:
-            return found
+        least = max(4, _LEAST * update.crossing // power)
+        growth, x = _arnoldi(update, x, power, least)
+        if growth.stable is not None:
+            return growth
         power *= _RAISE
     until = _LONG
     while noise.run(until, allowance):
-        found = noise.decay()
-        if found.stable is not None:
-            return found
+        growth = noise.decay()
+        if growth.stable is not None:
+            return growth
         until *= 2  # modes that nearly coincide add up before they decay
     return noise.explosion() or unknown
 
 
 def noise_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray],
-    size: int,
-    dt: float,
-    crossing: int,
-    cost: float,
-    allowance: Allowance,
-    short: Allowance,
-    crossings: float = np.inf,
-    seed: int = 0,
+    update: LinearMap, allowance: Allowance, short: Allowance, crossings: float = np.inf
 ) -> tuple[Growth | None, float]:
     """Growth seen in a short run from white noise, of a map that can only be applied: a cheap test, before anything
-    else is examined.
+    else is examined. Returns the growth, and the crossing times for which noise ran without growth, 0 if it still rose
+    when the allowance was used up.
 
-    Parameters
-    ----------
-    advance, size, dt, crossing, cost, seed
-        As for `krylov_growth`.
-    allowance : Allowance
-        For what follows where noise rises.
-    short : Allowance
-        For the short run itself.
-    crossings : float
-        Length of the run in question, in crossing times of the domain of the map; noise runs for as long, but at most
-        ten crossing times.
-
-    Returns
-    -------
-    Growth or None
-        Noise that rises over the last third of the run is continued, and a Krylov space of the map distinguishes growth
-        from a transient. None if no growth is seen, or if the allowance was used up before it was certain.
-    float
-        Crossing times for which noise ran without growth; 0 if it still rose when the allowance was used up.
+    Noise runs as long as the run in question, `crossings`, but at most ten crossing times, within the allowance
+    `short`. Where it rises over the last third it is continued, within `allowance`, and a Krylov space of the map
+    distinguishes growth from a transient. The growth is None if none is seen, or if the allowance was used up before it
+    was certain.
     """
-    share = min(crossings / SHORT, 1.0)
-    piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is sampled as often
-    noise = _Noise(advance, size, dt, piece, cost, seed)
-    whole = noise.run(SHORT, short)
+    fraction = min(crossings / SHORT, 1.0)
+    # a shorter run is sampled as often
+    noise = _Noise(update._replace(crossing=max(1, int(np.ceil(update.crossing * fraction)))))
+    complete = noise.run(SHORT, short)
     if noise.explosion() is not None:
         return noise.explosion(), 0.0
     length = len(noise.sizes) - 1
     # soon after the start noise may grow in proportion to time, because its velocities are those of short waves
-    least = 1.0 if whole and share == 1 else _RISES
+    least = 1.0 if complete and fraction == 1 else _RISES
     # few vectors cannot separate modes that nearly coincide, such as those of a drift
-    if size <= DENSE and noise.rise() > least:
-        found = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
-        if found.stable is not None:
-            return (None if found.stable else found), length * share
-    while noise.rise() > least and allowance.take(_VECTORS * crossing * cost):
-        found, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
-        if found.stable is False and found.error < _SURE * found.rate:
-            return found, length * share
+    if update.size <= DENSE and noise.rise() > least:
+        matrix = np.stack([update.advance(unit, 1) for unit in np.eye(update.size)], axis=1)
+        growth = dense_growth(matrix, update.dt)
+        if growth.stable is not None:
+            return (None if growth.stable else growth), length * fraction
+    while noise.rise() > least and allowance.take(_VECTORS * update.crossing * update.cost):
+        growth, _ = _arnoldi(update, noise.state, update.crossing, 4)
+        if growth.stable is False and growth.error < _SURE * growth.rate:
+            return growth, length * fraction
         length *= 2
         if not noise.run(length, allowance):
             return noise.explosion(), 0.0
-    return None, length * share if noise.rise() <= least else 0.0
+    return None, length * fraction if noise.rise() <= least else 0.0
 
 
 class _Noise:
     """A run from white noise, with the size of its state after each crossing time."""
 
-    def __init__(
-        self,
-        advance: Callable[[np.ndarray, int], np.ndarray],
-        size: int,
-        dt: float,
-        crossing: int,
-        cost: float,
-        seed: int,
-    ) -> None:
-        self.advance, self.dt, self.crossing, self.cost = advance, dt, crossing, cost
-        self.state = np.random.default_rng(seed).standard_normal(size)
+    def __init__(self, update: LinearMap) -> None:
+        self.update = update
+        self.state = np.random.default_rng(0).standard_normal(update.size)
         self.sizes = [float(np.linalg.norm(self.state))]
 
     def run(self, until: int, allowance: Allowance) -> bool:
         """Continue to a number of crossing times; return False if the state exploded or the allowance ended before."""
         while len(self.sizes) <= until:
-            if not allowance.take(self.crossing * self.cost):
+            if not allowance.take(self.update.crossing * self.update.cost):
                 return False
-            for done in range(0, self.crossing, _PIECE):
-                self.state = self.advance(self.state, min(_PIECE, self.crossing - done))
+            for done in range(0, self.update.crossing, _PIECE):
+                self.state = self.update.advance(self.state, min(_PIECE, self.update.crossing - done))
             self.sizes.append(float(np.linalg.norm(self.state)))
             if not self.sizes[-1] < _EXPLODED * self.sizes[0]:
                 return False
@@ -327,12 +254,13 @@ class _Noise:
             return None
         finite = [s for s in self.sizes if np.isfinite(s)]
         late = finite[len(finite) // 2 :] if len(finite) > 3 else finite
-        rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * self.crossing * self.dt) if len(late) > 1 else np.inf
+        crossing, dt = self.update.crossing, self.update.dt
+        rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * crossing * dt) if len(late) > 1 else np.inf
         mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
         return Growth(
             float(rate),
             0.0 if np.isinf(rate) else 0.1 * abs(float(rate)),
-            complex(np.exp(min(rate, 1e3) * self.dt)),
+            complex(np.exp(min(rate, 1e3) * dt)),
             mode.astype(complex),
         )
 
@@ -344,42 +272,41 @@ class _Noise:
         """Growth or decay over the last third of the run."""
         count = len(self.sizes) - 1
         last = self.sizes[-1 - count // 3 :]
-        span = (len(last) - 1) * self.crossing * self.dt
+        span = (len(last) - 1) * self.update.crossing * self.update.dt
         rate = float(np.log(max(last[-1], 1e-300) / max(last[0], 1e-300)) / span)
-        hidden = 0.5 * np.log(len(self.state)) / (count * self.crossing * self.dt)
-        return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.dt)), np.zeros(0), hidden)
+        hidden = 0.5 * np.log(len(self.state)) / (count * self.update.crossing * self.update.dt)
+        return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.update.dt)), np.zeros(0), hidden)
 
 
-def _arnoldi(
-    apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int
-) -> tuple[Growth, np.ndarray]:
-    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as the verdict is certain; and the
-    vector with which to continue.
+def _arnoldi(update: LinearMap, start: np.ndarray, power: int, least: int) -> tuple[Growth, np.ndarray]:
+    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as the verdict is certain, but not
+    before the `least` number of vectors; and the vector with which to continue.
     """
+    subspace, dt = min(_VECTORS, update.size), update.dt
     length = float(np.linalg.norm(start))
     if length < 1e-200:  # the noise has decayed completely
         return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
     basis, projected = [start / length], np.zeros((subspace + 1, subspace))
     for k in range(subspace):
-        image = apply(basis[k])
+        image = update.advance(basis[k], power)
         for _ in range(2):  # twice, for orthogonality to rounding
             for j, b in enumerate(basis):
-                share = float(b @ image)
-                projected[j, k] += share
-                image = image - share * b
-        rest = float(np.linalg.norm(image))
-        projected[k + 1, k] = rest
-        last = k + 1 == subspace or rest < 1e-14
+                part = float(b @ image)
+                projected[j, k] += part
+                image = image - part * b
+        remainder = float(np.linalg.norm(image))
+        projected[k + 1, k] = remainder
+        last = k + 1 == subspace or remainder < 1e-14
         if last or (k % 4 == 3 and k + 1 >= least):
-            found = _leading(projected[: k + 1, : k + 1], rest, basis, power, dt)
-            if last or found.stable is not None:
+            growth = _leading(projected[: k + 1, : k + 1], remainder, basis, power, dt)
+            if last or growth.stable is not None:
                 break
-        basis.append(image / rest)
-    parts = found.mode.real, found.mode.imag
-    return found, max(parts, key=lambda p: float(np.linalg.norm(p)))
+        basis.append(image / remainder)
+    parts = growth.mode.real, growth.mode.imag
+    return growth, max(parts, key=lambda p: float(np.linalg.norm(p)))
 
 
-def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
+def _leading(projected: np.ndarray, remainder: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
     """Largest eigenvalue of a power of a map in a Krylov space; the error is ten times the residual times the condition
     number.
     """
@@ -387,6 +314,6 @@ def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], po
     i = int(np.argmax(np.abs(values)))
     size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]
     condition = np.linalg.norm(x) * np.linalg.norm(y) / max(abs(np.vdot(y, x)), 1e-300)
-    residual = max(rest * abs(x[-1]) / np.linalg.norm(x), 1e-15)
+    residual = max(remainder * abs(x[-1]) / np.linalg.norm(x), 1e-15)
     error = np.log1p(min(10 * condition * residual / size, 1e300)) / (power * dt)
     return Growth(float(np.log(size) / (power * dt)), float(error), complex(size ** (1 / power)), np.array(basis).T @ x)

@@ -16,7 +16,14 @@ import numpy as np
 
 from farhorizon.analysis.half_space import Column, HalfSpace
 from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.references.pulse import PlanePulse, TravellingWaves, check_lost, felt, harmonics, steps_of
+from farhorizon.analysis.references.pulse import (
+    PlanePulse,
+    TravellingWaves,
+    check_lost,
+    harmonics,
+    significant,
+    steps_of,
+)
 from farhorizon.errors import InputError
 from farhorizon.medium.free_side import FreeSide
 
@@ -30,35 +37,21 @@ _RAYLEIGH = 0.9  # approximate speed of Rayleigh waves over that of S waves
 
 @dataclass(frozen=True, eq=False)
 class FreeSurface:
-    """A free surface across an axis of a lattice, and the rows below it in which a pulse is needed.
-
-    Attributes
-    ----------
-    scheme : Scheme
-        Of the medium.
-    end : FreeSide
-    spacing : float
-    level : float
-        Coordinate of the nodes of the surface.
-    rows : int
-        Number of rows, from the surface down, in which the pulse is needed.
-    depth : int
-        Rows of the box.
-    """
+    """A free surface across an axis of a lattice, and the rows below it in which a pulse is needed."""
 
     scheme: Scheme
     end: FreeSide
     spacing: float
-    level: float
-    rows: int
-    depth: int
+    level: float  # coordinate of the nodes of the surface
+    rows: int  # from the surface down, in which the pulse is needed
+    depth: int  # of the box, in rows
 
     @property
     def half_space(self) -> HalfSpace:
         """The medium below the surface."""
         return HalfSpace(self.end)
 
-    def turned(self, vector: np.ndarray) -> np.ndarray:
+    def normal_first(self, vector: np.ndarray) -> np.ndarray:
         """Components of a vector with the normal first; those of a scalar field unchanged."""
         return vector[self.end.order] if self.scheme.stencil.components > 1 else vector
 
@@ -66,9 +59,9 @@ class FreeSurface:
         """A wave in all rows in the convention of `TravellingWaves`, whose waves have the time dependence ``exp(i w
         t)``.
         """
-        found = amplitude * column.at(self.rows).conj()
-        back = np.argsort(self.end.order)
-        return found[:, back] if self.scheme.stencil.components > 1 else found
+        shape = amplitude * column.at(self.rows).conj()
+        order = np.argsort(self.end.order)
+        return shape[:, order] if self.scheme.stencil.components > 1 else shape
 
     def squared(self, frequency: float) -> float:
         """Squared frequency in units of the stencil, for the discrete frequency of the scheme."""
@@ -91,26 +84,14 @@ class FreeSurface:
 
 @dataclass(frozen=True, eq=False)
 class SurfacePulse:
-    """A pulse in a half-space.
+    """A pulse in a half-space."""
 
-    Attributes
-    ----------
-    waves : TravellingWaves
-        Along `direction`, in rows down from the surface.
-    direction : ndarray, shape (dim,)
-        Along the surface, of length 1; zero if the pulse is uniform along the surface.
-    period : float
-    tail : float
-        Largest value of the pulse between two periods, over the largest value of the signal.
-    lost : float
-        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is left
-        out.
-    """
-
-    waves: TravellingWaves
-    direction: np.ndarray
+    waves: TravellingWaves  # along `direction`, in rows down from the surface
+    direction: np.ndarray  # along the surface, of length 1; zero if the pulse is uniform along the surface
     period: float
-    tail: float
+    tail: float  # largest value of the pulse between two periods, over the largest value of the signal
+    #: Part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is left
+    #: out.
     lost: float
 
 
@@ -121,32 +102,19 @@ def reflected_pulse(
     way: tuple[float, float],
     samples: np.ndarray,
 ) -> SurfacePulse:
-    """A plane pulse that comes to a surface, together with its reflection.
+    """A plane pulse that comes to a surface in a direction (dim,) of length 1, together with its reflection; an
+    InputError if it does not come to the surface.
 
-    Parameters
-    ----------
-    surface : FreeSurface
-    make : callable
-        Maps a period to the pulse in the unbounded medium.
-    direction : ndarray, shape (dim,)
-        In which it travels, of length 1.
-    way : (float, float)
-        Distance from the origin, along its path, at which it has its signal, and distance to which it travels.
-    samples : ndarray
-        The signal at the time steps.
-
-    Raises
-    ------
-    InputError
-        The pulse does not come to the surface.
+    `make` maps a period to the pulse in the unbounded medium. `way` is the distance from the origin, along its path, at
+    which it has its signal, and the distance to which it travels; `samples` is the signal at the time steps.
     """
     half_space = surface.half_space
-    flat, length = surface.along(direction)
+    tangent, length = surface.along(direction)
     tangential = direction[surface.end.order[1:]]
     up = surface.end.side * direction[surface.end.axis]
     met = direction[surface.end.axis] * surface.level - way[0]  # length of its path to the surface, above the origin
 
-    def whole(period: float) -> SurfacePulse:
+    def pulse_of_period(period: float) -> SurfacePulse:
         pulse, numbers, shapes = make(period), [], []
         for number in np.flatnonzero(pulse.frequencies > 0):
             wavenumber, amplitude = pulse.wavenumbers[number], pulse.amplitudes[number]
@@ -154,47 +122,35 @@ def reflected_pulse(
             vector = (amplitude * pulse.polarisations[number] * np.exp(-1j * wavenumber * met)).conj()
             if vector.any():
                 angle, squared = wavenumber * surface.spacing, surface.squared(pulse.frequencies[number])
-                wave = complex(np.exp(1j * angle * up)), surface.turned(vector)
+                wave = complex(np.exp(1j * angle * up)), surface.normal_first(vector)
                 shapes.append(surface.shape(half_space.total(squared, angle * tangential, *wave)))
                 numbers.append(number)
         moving = TravellingWaves(
             pulse.frequencies[numbers], length * pulse.wavenumbers[numbers], np.array(shapes), surface.spacing
         )
-        return _at_rest(moving, flat, pulse.period, pulse.lost, met / pulse.speed, samples, surface.scheme.dt)
+        return _at_rest(moving, tangent, pulse.period, pulse.lost, met / pulse.speed, samples, surface.scheme.dt)
 
-    return _with_a_small_tail(whole, surface, way, samples)
+    return _with_a_small_tail(pulse_of_period, surface, way, samples)
 
 
 def rayleigh_pulse(
     surface: FreeSurface, direction: np.ndarray, way: tuple[float, float], samples: np.ndarray
 ) -> SurfacePulse:
-    """A pulse that runs along a surface.
+    """A pulse that runs along a surface in a direction (dim,) of length 1; an InputError for a signal with frequencies
+    at which no wave runs along the surface.
 
-    Parameters
-    ----------
-    surface : FreeSurface
-    direction : ndarray, shape (dim,)
-        Along the surface, of length 1.
-    way : (float, float)
-        Distance from the origin, along its path, at which the displacement of the surface along its outward normal is
-        the signal, and distance to which it travels.
-    samples : ndarray
-        The signal at the time steps.
-
-    Raises
-    ------
-    InputError
-        The signal has frequencies at which no wave runs along the surface.
+    `way` is the distance from the origin, along its path, at which the displacement of the surface along its outward
+    normal is the signal, and the distance to which it travels; `samples` is the signal at the time steps.
     """
     scheme, dt, half_space = surface.scheme, surface.scheme.dt, surface.half_space
     tangential = direction[surface.end.order[1:]]
     # wavenumber over the root of the squared frequency
     guess = np.sqrt(scheme.rate) / (_RAYLEIGH * surface.slowest)
 
-    def whole(period: float) -> SurfacePulse:
+    def pulse_of_period(period: float) -> SurfacePulse:
         count = steps_of(period, dt)
         frequencies, amplitudes = harmonics(samples, dt, count)
-        used = np.flatnonzero(felt(amplitudes) & (frequencies > 0))
+        used = np.flatnonzero(significant(amplitudes) & (frequencies > 0))
         ratio, lost = guess, 0.0
         numbers: list[int] = []
         wavenumbers, shapes = [], []
@@ -217,11 +173,14 @@ def rayleigh_pulse(
         arrival = -way[0] * wavenumbers[0] / frequencies[numbers[0]]
         return _at_rest(moving, direction, count * dt, lost, arrival, samples, dt)
 
-    return _with_a_small_tail(whole, surface, way, samples)
+    return _with_a_small_tail(pulse_of_period, surface, way, samples)
 
 
 def _with_a_small_tail(
-    whole: Callable[[float], SurfacePulse], surface: FreeSurface, way: tuple[float, float], samples: np.ndarray
+    pulse_of_period: Callable[[float], SurfacePulse],
+    surface: FreeSurface,
+    way: tuple[float, float],
+    samples: np.ndarray,
 ) -> SurfacePulse:
     """The pulse with the shortest of several periods that leaves no tail, or beyond which a longer one does not help.
 
@@ -229,15 +188,15 @@ def _with_a_small_tail(
     """
     passed = (way[1] - way[0]) / surface.spacing + surface.depth
     least = _SPARE * (samples.size * surface.scheme.dt + passed / surface.slowest)
-    found = whole(least)
+    pulse = pulse_of_period(least)
     for factor in _LONGER:
-        if found.tail <= _TAIL:
+        if pulse.tail <= _TAIL:
             break
-        longer = whole(factor * least)
-        if longer.tail > _HELPS * found.tail:
+        longer = pulse_of_period(factor * least)
+        if longer.tail > _HELPS * pulse.tail:
             break
-        found = longer
-    return found
+        pulse = longer
+    return pulse
 
 
 def _at_rest(
@@ -249,28 +208,19 @@ def _at_rest(
     samples: np.ndarray,
     dt: float,
 ) -> SurfacePulse:
-    """The moving waves, and with them the translation that brings the surface to rest between two periods.
-
-    Parameters
-    ----------
-    moving : TravellingWaves
-    direction : ndarray, shape (dim,)
-    period, lost : float
-    arrival : float
-        Time at which the pulse comes to the surface above the origin.
-    samples : ndarray
-    dt : float
+    """The moving waves, and with them the translation that brings the surface to rest between two periods; `arrival` is
+    the time at which the pulse comes to the surface above the origin.
     """
-    quiet = period - samples.size * dt
-    middle = arrival + samples.size * dt + quiet / 2
-    there = moving.at(np.zeros(1))
-    still = -there(middle)[:, 0]
-    times = middle + quiet / 4 * np.linspace(-1, 1, _PROBES)
-    tail = max(float(np.abs(there(t)[:, 0] + still).max()) for t in times) / float(np.abs(samples).max())
+    pause = period - samples.size * dt
+    middle = arrival + samples.size * dt + pause / 2
+    surface_at = moving.at(np.zeros(1))
+    translation = -surface_at(middle)[:, 0]
+    times = middle + pause / 4 * np.linspace(-1, 1, _PROBES)
+    tail = max(float(np.abs(surface_at(t)[:, 0] + translation).max()) for t in times) / float(np.abs(samples).max())
     waves = TravellingWaves(
         np.append(moving.frequencies, 0.0),
         np.append(moving.wavenumbers, 0.0),
-        np.concatenate([moving.shapes, np.broadcast_to(still, (1, *moving.shapes.shape[1:]))]),
+        np.concatenate([moving.shapes, np.broadcast_to(translation, (1, *moving.shapes.shape[1:]))]),
         moving.spacing,
     )
     return SurfacePulse(waves, direction, period, tail, lost)

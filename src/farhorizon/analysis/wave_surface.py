@@ -23,25 +23,16 @@ _NEARLY = 0.1
 
 @dataclass(frozen=True)
 class Outgoing:
-    """Waves of one frequency that carry their energy in given directions.
-
-    Attributes
-    ----------
-    wave_vectors : ndarray of complex, shape (B, D, dim)
-        Times spacing; real without damping. The branch with the largest eigenvalue, the fastest wave, comes first.
-    slopes : ndarray of complex, shape (B, D)
-        Derivative of the symbol's eigenvalue along the direction, in which its gradient points.
-    curvatures : ndarray of complex, shape (B, D)
-        Product of the second derivatives along the principal directions at right angles to it; 1 in one dimension.
-    polarisations, projections : ndarray of complex, shape (B, D, components)
-        Displacement of the wave, of unit length, and the row vector that projects a force on it: without damping, the
-        conjugate of the polarisation.
+    """Waves of one frequency that carry their energy in given directions; the branch with the largest eigenvalue, the
+    fastest wave, comes first.
     """
 
-    wave_vectors: np.ndarray
-    slopes: np.ndarray
+    wave_vectors: np.ndarray  # times spacing, (B, D, dim); real without damping
+    slopes: np.ndarray  # derivatives of the symbol's eigenvalue along the direction, that of its gradient, (B, D)
+    #: Products of the second derivatives along the principal directions at right angles to it, (B, D); 1 on a line.
     curvatures: np.ndarray
-    polarisations: np.ndarray
+    polarisations: np.ndarray  # displacement of the wave, of unit length, (B, D, components)
+    #: Row vectors that project a force on it, (B, D, components): without damping, the conjugates of the polarisations.
     projections: np.ndarray
 
     @property
@@ -60,33 +51,25 @@ class Outgoing:
 
 
 def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outgoing:
-    """The waves of one frequency whose group velocity points in given directions.
+    """The waves of one frequency whose group velocity points in given directions, unit vectors (D, dim); an InputError
+    if several waves of one branch travel in one direction.
 
-    Parameters
-    ----------
-    stencil : Stencil
-    squared : complex
-        Squared frequency, in units of ``coefficient / spacing^2``: the eigenvalue of the symbol, between the limits of
-        `carried`. Its imaginary part, above zero, is that of a damped wave.
-    directions : ndarray, shape (D, dim)
-        Unit vectors.
-
-    Raises
-    ------
-    InputError
-        At this frequency, several waves of one branch travel in one direction.
+    `squared` is the squared frequency in units of ``coefficient / spacing^2``: the eigenvalue of the symbol, between
+    the limits of `carried_band`. Its imaginary part, above zero, is that of a damped wave.
     """
     start = _start(stencil, squared.real, directions)
-    found = [_branch(stencil, squared, directions, angles, number) for number, angles in enumerate(start)]
-    settled = np.stack([branch[0] for branch in found])
-    vectors, slopes, curvatures, shapes, rows = (np.stack(parts) for parts in list(zip(*found, strict=True))[1:])
+    branches = [_branch(stencil, squared, directions, angles, number) for number, angles in enumerate(start)]
+    settled = np.stack([branch[0] for branch in branches])
+    vectors, slopes, curvatures, shapes, rows = (np.stack(values) for values in list(zip(*branches, strict=True))[1:])
     if stencil.components == 3:
         # near a corner of the surfaces of both S waves a single branch has no wave, but their mean is smooth
-        (one,) = np.nonzero(~settled[1:].all(0))
-        for number in (1, 2) if one.size else ():
-            mean = _branch(stencil, squared, directions[one], start[number, one], number, _NEARLY)
-            for all_of, part in zip((settled, vectors, slopes, curvatures, shapes, rows), mean, strict=True):
-                all_of[number, one] = part
+        (corners,) = np.nonzero(~settled[1:].all(0))
+        for number in (1, 2) if corners.size else ():
+            mean = _branch(stencil, squared, directions[corners], start[number, corners], number, _NEARLY)
+            for branch_values, replacement in zip(
+                (settled, vectors, slopes, curvatures, shapes, rows), mean, strict=True
+            ):
+                branch_values[number, corners] = replacement
         _set_apart(stencil, vectors, shapes, rows)
     if not settled.all():
         raise InputError(
@@ -95,11 +78,11 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
             key="far_field.frequencies",
             remedy="a lower frequency, or a finer lattice",
         )
-    _turn(shapes, rows, directions)
+    _fix_phases(shapes, rows, directions)
     return Outgoing(vectors, slopes, curvatures, shapes, rows)
 
 
-def _turn(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
+def _fix_phases(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
     """Fix the phases of the displacements, which are arbitrary as computed: P waves point along the direction, S waves
     in the plane to its left, in space along their largest component.
     """
@@ -119,44 +102,27 @@ def _set_apart(stencil: Stencil, vectors: np.ndarray, shapes: np.ndarray, rows: 
     """Take both S waves from one decomposition where they coincide; from two decompositions, their polarisations need
     not be orthogonal.
     """
-    (one,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < 1e-9 * np.abs(vectors[1]).max(1))
-    for number in (1, 2) if one.size else ():
-        *_, shapes[number, one], rows[number, one] = _expansion(stencil, vectors[1, one].astype(complex), number)
+    (equal,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < 1e-9 * np.abs(vectors[1]).max(1))
+    for number in (1, 2) if equal.size else ():
+        *_, shapes[number, equal], rows[number, equal] = _expansion(stencil, vectors[1, equal].astype(complex), number)
 
 
 @dataclass(frozen=True)
 class Along:
-    """Waves of one frequency whose phases travel in given directions.
+    """Waves of one frequency whose phases travel in given directions; the last two fields as in `Outgoing`."""
 
-    Attributes
-    ----------
-    wave_vectors : ndarray, shape (B, D, dim)
-        Times spacing. The branch with the largest eigenvalue, the fastest wave, comes first.
-    gradients : ndarray, shape (B, D, dim)
-        Gradients of the symbol's eigenvalue, in whose direction energy travels.
-    polarisations, projections : ndarray of complex, shape (B, D, components)
-        As in `Outgoing`.
-    """
-
-    wave_vectors: np.ndarray
-    gradients: np.ndarray
+    wave_vectors: np.ndarray  # times spacing, (B, D, dim); the fastest wave comes first
+    gradients: np.ndarray  # of the symbol's eigenvalue, in whose direction energy travels, (B, D, dim)
     polarisations: np.ndarray
     projections: np.ndarray
 
 
 def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
-    """The waves of one frequency whose phases travel in given directions.
-
-    Parameters
-    ----------
-    stencil : Stencil
-    squared : float
-        As for `outgoing`, without damping.
-    directions : ndarray, shape (D, dim)
-        Unit vectors.
+    """The waves of one frequency whose phases travel in given directions, unit vectors (D, dim); `squared` as for
+    `outgoing`, without damping.
     """
     lengths, roots = _radial(stencil, directions)
-    found = []
+    branches = []
     for number, branch in enumerate(roots):
         length = _crossing(lengths, branch, squared)
         for _ in range(_NEWTON):
@@ -167,14 +133,14 @@ def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
                 break
         vectors = length[:, None] * directions
         gradient, _, *shapes = _expansion(stencil, vectors + 0j, number, 0.0)[1:]
-        found.append((vectors, gradient.real, *shapes))
-    vectors, gradients, polarisations, rows = (np.stack(parts) for parts in zip(*found, strict=True))
+        branches.append((vectors, gradient.real, *shapes))
+    vectors, gradients, polarisations, rows = (np.stack(values) for values in zip(*branches, strict=True))
     if stencil.components == 3:
         _set_apart(stencil, vectors, polarisations, rows)
     return Along(vectors, gradients, polarisations, rows)
 
 
-def carried(stencil: Stencil) -> tuple[float, float]:
+def carried_band(stencil: Stencil) -> tuple[float, float]:
     """Limits of the squared frequency, in units of ``coefficient / spacing^2``, between which each branch has one
     closed wave surface around k = 0.
 
@@ -184,8 +150,8 @@ def carried(stencil: Stencil) -> tuple[float, float]:
     zone, values, slopes = stencil.zone_branches
     outward = sum((k[..., None] * slope for k, slope in zip(zone, slopes, strict=True)), np.zeros(()))
     moving = sum((k**2 for k in zone), np.zeros(()))[..., None] > 0
-    turned = np.broadcast_to(moving, values.shape) & (outward <= 1e-12 * values.max())
-    return stencil.reaction, float(values[turned].min())
+    backward = np.broadcast_to(moving, values.shape) & (outward <= 1e-12 * values.max())
+    return stencil.reaction, float(values[backward].min())
 
 
 @lru_cache(maxsize=8)
@@ -215,36 +181,32 @@ def _crossing(lengths: np.ndarray, branch: np.ndarray, squared: float) -> np.nda
     """Wavenumbers at which a branch reaches a squared frequency, interpolated between the samples; shape (R,)."""
     rows, first = np.arange(len(lengths)), np.argmax(branch > np.sqrt(squared), axis=1)
     below, above = branch[rows, first - 1], branch[rows, first]
-    share = (np.sqrt(squared) - below) / (above - below)
-    return np.asarray(lengths[rows, first - 1] + share * (lengths[rows, first] - lengths[rows, first - 1]))
+    fraction = (np.sqrt(squared) - below) / (above - below)
+    return np.asarray(lengths[rows, first - 1] + fraction * (lengths[rows, first] - lengths[rows, first - 1]))
 
 
 def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarray:
-    """Wave vectors of undamped waves whose group velocity approximately points in the directions; shape (B, D, dim).
-
-    Raises
-    ------
-    InputError
-        The wave surface is not convex.
+    """Wave vectors (B, D, dim) of undamped waves whose group velocity approximately points in the directions; an
+    InputError if the wave surface is not convex.
     """
     rays, lengths, roots = _rays(stencil)
-    found: list[np.ndarray] = []
+    starts: list[np.ndarray] = []
     for branch in roots:
         angles = rays * _crossing(lengths, branch, squared)[:, None]
-        number = len(found)
+        number = len(starts)
         # the mean of S waves in space: where they touch, each has corners, which do not matter where they nearly
         # coincide
-        _, slopes, bends, *_ = _expansion(stencil, angles.astype(complex), number, _NEARLY)
+        _, slopes, second, *_ = _expansion(stencil, angles.astype(complex), number, _NEARLY)
         normals = (slopes / np.linalg.norm(slopes, axis=1)[:, None]).real
-        if (_across(bends, normals).real <= 0).any():
+        if (_across(second, normals).real <= 0).any():
             raise InputError(
                 "waves of this frequency go in some directions by several ways: the wave surface is not convex",
                 value=f"{squared:.4g} coefficient / spacing^2, squared",
                 key="far_field.frequencies",
                 remedy="a lower frequency, or a finer lattice",
             )
-        found.append(angles[np.argmax(directions @ normals.T, axis=1)])
-    return np.stack(found)
+        starts.append(angles[np.argmax(directions @ normals.T, axis=1)])
+    return np.stack(starts)
 
 
 def _branch(
@@ -258,33 +220,33 @@ def _branch(
     """
     dim = stencil.dim
     angles = angles.astype(complex)
-    value, gradient, bends, *rest = _expansion(stencil, angles, number, apart)
+    value, gradient, second, *shapes = _expansion(stencil, angles, number, apart)
     slope = (gradient * directions).sum(1)
     matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
     for _ in range(_NEWTON):
-        wrong = np.concatenate([(value - squared)[:, None], gradient - slope[:, None] * directions], axis=1)
-        matrix[:, 0, :dim], matrix[:, 1:, :dim], matrix[:, 1:, dim] = gradient, bends, -directions
-        change = np.linalg.solve(matrix, wrong[..., None])[..., 0]
+        residual = np.concatenate([(value - squared)[:, None], gradient - slope[:, None] * directions], axis=1)
+        matrix[:, 0, :dim], matrix[:, 1:, :dim], matrix[:, 1:, dim] = gradient, second, -directions
+        change = np.linalg.solve(matrix, residual[..., None])[..., 0]
         size, length = np.abs(change[:, :dim]).max(1), np.abs(angles).max(1)
         change *= np.minimum(1.0, _STRIDE * length / np.maximum(size, 1e-300))[:, None]
         angles, slope = angles - change[:, :dim], slope - change[:, dim]
-        value, gradient, bends, *rest = _expansion(stencil, angles, number, apart)
+        value, gradient, second, *shapes = _expansion(stencil, angles, number, apart)
         settled = size < _SETTLED * length
         if settled.all():
             break
     for _ in range(_ONTO):  # from the mean to the branch's own surface
-        value, gradient, _, *rest = _expansion(stencil, angles, number, 0.0)
+        value, gradient, _, *shapes = _expansion(stencil, angles, number, 0.0)
         angles = angles - ((value - squared) / (gradient * directions).sum(1))[:, None] * directions
-    curvatures = _across(bends, directions)
-    return settled & (curvatures.real > 0), angles, slope, curvatures, *rest
+    curvatures = _across(second, directions)
+    return settled & (curvatures.real > 0), angles, slope, curvatures, *shapes
 
 
-def _across(bends: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def _across(second: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Determinants of matrices (D, dim, dim) restricted to the planes at right angles to the directions."""
     # minus the determinant of the bordered matrix
     dim = directions.shape[1]
     matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
-    matrix[:, :dim, :dim], matrix[:, dim, :dim], matrix[:, :dim, dim] = bends, directions, directions
+    matrix[:, :dim, :dim], matrix[:, dim, :dim], matrix[:, :dim, dim] = second, directions, directions
     return -np.linalg.det(matrix)
 
 
@@ -306,16 +268,16 @@ def _expansion(stencil: Stencil, angles: np.ndarray, number: int, apart: float =
     first = np.einsum("nij,najk,nkl->nail", left, first, right)
     second = np.einsum("nij,nabjk,nki->nabi", left, second, right)
     gaps = values[:, :, None] - values[:, None, :]
-    one = np.abs(gaps) <= apart * np.abs(values[:, :, None])
+    coincide = np.abs(gaps) <= apart * np.abs(values[:, :, None])
     products = np.einsum("naij,nbji->nabij", first, first)
     products = products + products.swapaxes(1, 2)
-    second = second + (products / np.where(one, np.inf, gaps)[:, None, None]).sum(-1)
+    second = second + (products / np.where(coincide, np.inf, gaps)[:, None, None]).sum(-1)
     # mean over the branches that coincide with this one
-    share = one[:, number] / one[:, number].sum(1, keepdims=True)
+    weight = coincide[:, number] / coincide[:, number].sum(1, keepdims=True)
     return (
-        (share * values).sum(1),
-        np.einsum("ni,naii->na", share, first),
-        np.einsum("ni,nabi->nab", share, second),
+        (weight * values).sum(1),
+        np.einsum("ni,naii->na", weight, first),
+        np.einsum("ni,nabi->nab", weight, second),
         right[:, :, number],
         left[:, number],
     )

@@ -45,19 +45,11 @@ __all__ = [
 
 
 def sides(boundary: Any | Mapping[str, Any], dim: int) -> dict[tuple[int, int], Any]:
-    """Return one boundary for each (axis, side), side = -1 or +1.
+    """One boundary for each (axis, side), side = -1 or +1, from one for all sides or a mapping with keys "all", "x",
+    "x-", "x+", "y", ...; the more specific key wins.
 
-    Parameters
-    ----------
-    boundary : Side or mapping
-        One for all sides, or a mapping with keys "all", "x", "x-", "x+", "y", ...; the more specific key wins.
-    dim : int
-
-    Raises
-    ------
-    InputError
-        An unknown or superfluous key, a side without a boundary, Periodic on one side of an axis only, Exact in more
-        than one dimension, conditions along an outline beside layers.
+    An InputError for an unknown or superfluous key, a side without a boundary, Periodic on one side of an axis only,
+    Exact in more than one dimension, or conditions along an outline beside layers.
     """
     given: Mapping[str, Any] = boundary if isinstance(boundary, Mapping) else {"all": boundary}
     known = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
@@ -66,7 +58,7 @@ def sides(boundary: Any | Mapping[str, Any], dim: int) -> dict[tuple[int, int], 
             raise InputError("unknown side", value=said(key), limit=", ".join(known), key="boundary")
         if not isinstance(value, Side):
             raise InputError("not a boundary", value=said(value), key=f"boundary.{key}", limit=names(lambda kind: True))
-    found: dict[tuple[int, int], Any] = {}
+    by_side: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):
             keys = [k for k in (AXES[axis] + sign, AXES[axis], "all") if k in given]
@@ -74,50 +66,50 @@ def sides(boundary: Any | Mapping[str, Any], dim: int) -> dict[tuple[int, int], 
                 raise InputError(
                     "no boundary given for a side", value=AXES[axis] + sign, key="boundary", remedy='add it, or "all"'
                 )
-            found[axis, side] = given[keys[0]]
-            one = found[axis, side]
-            if dim not in one.dims:
-                served = " or ".join(("one", "two", "three")[count - 1] for count in one.dims)
+            by_side[axis, side] = given[keys[0]]
+            chosen = by_side[axis, side]
+            if dim not in chosen.dims:
+                served = " or ".join(("one", "two", "three")[count - 1] for count in chosen.dims)
                 raise InputError(
-                    f"{type(one).__name__} is for {served} dimension{'s' * (one.dims != (1,))}",
+                    f"{type(chosen).__name__} is for {served} dimension{'s' * (chosen.dims != (1,))}",
                     value=f"{dim} dimensions",
                     key=f"boundary.{keys[0]}",
                     remedy="LatticePML",
                 )
-        if found[axis, -1].periodic != found[axis, 1].periodic:
+        if by_side[axis, -1].periodic != by_side[axis, 1].periodic:
             raise InputError(
                 "Periodic needs both sides of an axis",
                 value=AXES[axis],
                 key="boundary",
                 remedy=f'"{AXES[axis]}" = Periodic',
             )
-    _check_closing(found)
-    _check_derivatives(found)
-    return found
+    _check_closing(by_side)
+    _check_derivatives(by_side)
+    return by_side
 
 
-def _check_derivatives(found: Mapping[tuple[int, int], Any]) -> None:
+def _check_derivatives(by_side: Mapping[tuple[int, int], Any]) -> None:
     """Refuse layers that stretch shifts and layers that stretch derivatives in the same set-up: they cannot share a
     corner.
     """
-    for one in found.values():
-        others = [b for b in found.values() if b.stretched]
-        if one.derivatives and others:
+    for side in by_side.values():
+        stretched = [b for b in by_side.values() if b.stretched]
+        if side.derivatives and stretched:
             raise InputError(
-                f"{type(one).__name__} and {type(others[0]).__name__} cannot be combined",
+                f"{type(side).__name__} and {type(stretched[0]).__name__} cannot be combined",
                 key="boundary",
                 limit="Fixed, Free, Sponge",
                 remedy="the same layer on all open sides",
             )
 
 
-def _check_closing(found: Mapping[tuple[int, int], Any]) -> None:
+def _check_closing(by_side: Mapping[tuple[int, int], Any]) -> None:
     """Refuse conditions along an outline beside layers: the halo can adapt only to fixed, free and periodic sides."""
-    closing = [b for b in found.values() if b.closing]
-    others = {type(b).__name__ for b in found.values() if b.endless and not b.closing}
-    if closing and others:
+    closing = [b for b in by_side.values() if b.closing]
+    other_types = {type(b).__name__ for b in by_side.values() if b.endless and not b.closing}
+    if closing and other_types:
         raise InputError(
-            f"{type(closing[0]).__name__} and {', '.join(sorted(others))} cannot be combined",
+            f"{type(closing[0]).__name__} and {', '.join(sorted(other_types))} cannot be combined",
             key="boundary",
             limit="Fixed, Free, Periodic",
             remedy="the same absorber on all open sides",

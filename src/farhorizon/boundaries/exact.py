@@ -105,11 +105,11 @@ def _make_kernel(weights: Weights, recursion: Recursion, steps: int) -> np.ndarr
     """Compute the force kernel of the chain, shape (steps + 1, K, K)."""
     a = np.array(weights)
     reach = a.shape[-1]
-    need = 6 * 8.0 * (steps + 1) * reach**2  # F, M, and memory for transforms and convolutions
-    if need > available_memory():
+    size = 6 * 8.0 * (steps + 1) * reach**2  # F, M, and memory for transforms and convolutions
+    if size > available_memory():
         raise InputError(
             "the kernel of so many steps does not fit into memory",
-            value=f"about {need / 2**30:.3g} GiB for {steps} steps",
+            value=f"about {size / 2**30:.3g} GiB for {steps} steps",
             limit=f"{available_memory() / 2**30:.3g} GiB available",
             key="boundary",
             remedy="a shorter run or LatticePML",
@@ -131,35 +131,26 @@ def _compressed(weights: Weights, recursion: Recursion, steps: int, tolerance: f
     """Return the kernel as a sum of exponentials, from the cache folder if it is there."""
     a = np.array(weights)
     path = _cache_file(a, recursion, steps, tolerance)
-    found = kept(path)
-    if found is not None:
-        return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
-    made = exponential_sum.compress(
+    stored = kept(path)
+    if stored is not None:
+        return ExponentialSum(stored["poles"], stored["inputs"], stored["outputs"], steps, float(stored["error"]))
+    computed = exponential_sum.compress(
         _make_kernel(weights, recursion, steps), tolerance, chain.largest_angle(a, recursion)
     )
-    keep(path, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
-    return made
+    keep(path, poles=computed.poles, inputs=computed.inputs, outputs=computed.outputs, error=computed.error)
+    return computed
 
 
 class ExactEnds:
-    """Exact ends of one run: their sums and kernels, which are made when the run needs them, and again if it outlives
-    them.
+    """Exact ends of one run, named "x-" or "x+": their sums and kernels, which are made when the run needs them, and
+    again if it outlives them.
 
     Parameters
     ----------
-    engine : Engine
-        Engine whose ends are set.
-    names : sequence of str
-        "x-" or "x+" for each end.
-    boundaries : sequence of Exact
-    weights : sequence of ndarray, shape (K,) or (2, K)
-        Bonds beyond each end, over the mass of its nodes (`chain.half_weights`).
-    masses : sequence of float
-        Mass of a node beyond each end over that of a node of the model: the engine divides forces by those of its
-        nodes.
-    recursion : Recursion
-    nodes : ndarray of int, shape (ends, K)
-        Drivers in a level of the engine, from each end inwards.
+    weights : (K,) or (2, K) for each, bonds beyond the end, over the mass of its nodes (`chain.half_weights`)
+    masses : mass of a node beyond each end over that of a node of the model: the engine divides forces by those of its
+        nodes
+    nodes : (ends, K), drivers in a level of the engine, from each end inwards
     """
 
     def __init__(
@@ -195,13 +186,7 @@ class ExactEnds:
         )
 
     def cover(self, last: int) -> None:
-        """Extend the ends to `last` steps; a run under way continues from the history of its drivers.
-
-        Raises
-        ------
-        InputError
-            If a kernel does not fit into memory.
-        """
+        """Extend the ends to `last` steps; a run under way continues from the history of its drivers."""
         if last <= self.steps:
             return
         steps = _steps_of_kernel(max(last, 2 * self.steps if self.step else 0))
@@ -216,8 +201,8 @@ class ExactEnds:
         tolerance = self.tolerances[end]
         if tolerance is None:
             return None
-        found = _compressed(_hashable(self.weights[end]), self.recursion, steps, _AIM * tolerance)
-        return found if found.error <= tolerance else None
+        computed = _compressed(_hashable(self.weights[end]), self.recursion, steps, _AIM * tolerance)
+        return computed if computed.error <= tolerance else None
 
     def _take(self, sums: list[ExponentialSum | None], steps: int, history: np.ndarray | None = None) -> None:
         """Continue with these sums, and with convolutions where there is none, from a history (ends, n, K), by default
@@ -239,50 +224,50 @@ class ExactEnds:
         engine.set_history(np.array(history))
         engine.ends.clock[0], engine.ends.forces[...] = count, forces
         self.sums, self.steps = list(sums), steps
-        for end, found in enumerate(sums):
-            if found is None:
+        for end, end_sum in enumerate(sums):
+            if end_sum is None:
                 kernel = self.masses[end] * kernels[self.weights[end].tobytes()]
                 self.convolutions[end] = self._convolution(end, kernel)
             else:
                 self.convolutions[end] = None
-                state, half = found.replay(history[end]), engine.ends.states.shape[1] // 2
-                engine.ends.states[end, : found.modes], engine.ends.states[end, half : half + found.modes] = (
+                state, half = end_sum.replay(history[end]), engine.ends.states.shape[1] // 2
+                engine.ends.states[end, : end_sum.modes], engine.ends.states[end, half : half + end_sum.modes] = (
                     state.real,
                     state.imag,
                 )
 
     def _convolution(self, end: int, kernel: np.ndarray) -> BlockConvolution:
         """Return a convolution that has processed the history except for the current block, which the engine holds."""
-        made = BlockConvolution(kernel, BLOCK)
+        convolution = BlockConvolution(kernel, BLOCK)
         for start in range(0, self.step - BLOCK + 1, BLOCK):
-            made.samples[:] = self.engine.ends.history[end, start : start + BLOCK]
+            convolution.samples[:] = self.engine.ends.history[end, start : start + BLOCK]
             if start + BLOCK < self.step:
-                made.next_block()
-        self.engine.ends.heads[end], self.engine.ends.past[end] = made.head, made.past
-        return made
+                convolution.next_block()
+        self.engine.ends.heads[end], self.engine.ends.past[end] = convolution.head, convolution.past
+        return convolution
 
-    def allow(self, wanted: int) -> int:
-        """Prepare the next steps; return how many of the `wanted` ones may be run at once."""
-        self.cover(self.step + wanted)
+    def allow(self, steps: int) -> int:
+        """Prepare the next steps; return how many of them may be run at once."""
+        self.cover(self.step + steps)
         if not self.engine.ends.heads.shape[1]:
-            return wanted
+            return steps
         place = self.step % BLOCK
         if place == 0 and self.step:
-            for end, found in enumerate(self.convolutions):
-                if found is not None:
-                    found.samples[:] = self.engine.ends.history[end, self.step - BLOCK : self.step]
-                    found.next_block()
-                    self.engine.ends.past[end] = found.past
-        return min(wanted, BLOCK - place)
+            for end, convolution in enumerate(self.convolutions):
+                if convolution is not None:
+                    convolution.samples[:] = self.engine.ends.history[end, self.step - BLOCK : self.step]
+                    convolution.next_block()
+                    self.engine.ends.past[end] = convolution.past
+        return min(steps, BLOCK - place)
 
     def describe(self, end: int, dt: float) -> str:
         """Describe the representation of an end, for the report."""
-        tolerance, found = self.tolerances[end], self.sums[end]
+        tolerance, end_sum = self.tolerances[end], self.sums[end]
         until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then recomputed"
         if not self.steps:
             return "past convolved" if tolerance is None else f"past compressed to {tolerance:g} when the run begins"
-        if found is not None:
-            return f"{found.modes} modes, error of the force <= {found.error:.2g}, {until}"
+        if end_sum is not None:
+            return f"{end_sum.modes} modes, error of the force <= {end_sum.error:.2g}, {until}"
         return f"past convolved, exact to rounding, {until}"
 
     def notes(self) -> list[str]:
@@ -301,18 +286,18 @@ class ExactEnds:
     def forces(self) -> np.ndarray:
         """Force of each chain on its drivers at the present step, as an acceleration; shape (ends, K)."""
         engine, step = self.engine, self.step
-        out = np.zeros(self.nodes.shape)
-        for end, (found, convolution) in enumerate(zip(self.sums, self.convolutions, strict=True)):
+        forces = np.zeros(self.nodes.shape)
+        for end, (end_sum, convolution) in enumerate(zip(self.sums, self.convolutions, strict=True)):
             half = engine.ends.states.shape[1] // 2
-            if found is not None:
-                out[end] = found.force(
-                    engine.ends.states[end, : found.modes] + 1j * engine.ends.states[end, half : half + found.modes]
+            if end_sum is not None:
+                forces[end] = end_sum.force(
+                    engine.ends.states[end, : end_sum.modes] + 1j * engine.ends.states[end, half : half + end_sum.modes]
                 )
             elif convolution is not None:
-                out[end] = np.einsum(
+                forces[end] = np.einsum(
                     "aim,am->i", convolution.kernel[1 : step + 1], engine.ends.history[end, :step][::-1]
                 )
-        return out
+        return forces
 
     def fill(self, level: np.ndarray, older: np.ndarray) -> None:
         """Compute the values of the chains' first nodes from their forces, in the halos of the present level and of the
@@ -334,9 +319,9 @@ class ExactEnds:
             "exact_forces": self.engine.ends.forces,
         }
         meta: dict[str, Any] = {"steps": self.steps, "errors": [None if s is None else s.error for s in self.sums]}
-        for end, found in enumerate(self.sums):
-            if found is not None:
-                arrays |= {f"exact{end}_{name}": getattr(found, name) for name in ("poles", "inputs", "outputs")}
+        for end, end_sum in enumerate(self.sums):
+            if end_sum is not None:
+                arrays |= {f"exact{end}_{name}": getattr(end_sum, name) for name in ("poles", "inputs", "outputs")}
         return arrays, meta
 
     def load(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:

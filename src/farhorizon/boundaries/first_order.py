@@ -80,19 +80,19 @@ class FirstOrder(Closing):
         rate = medium.damping + np.abs(faces).sum(1) * speed / fringe.spacing
         stiffness = 2 * speed * medium.damping / fringe.spacing * np.abs(faces).sum(1)
         after, scale = 1 + rate * dt, dt**2 / (1 + rate * dt)
-        own = np.arange(len(halo))
+        rows_of_halo = np.arange(len(halo))
         rows, columns, data = (
-            [own, own],
+            [rows_of_halo, rows_of_halo],
             [size + halo, 2 * size + halo],
             [2 / after - scale * stiffness, -(1 - rate * dt) / after],
         )
         for offset, weight in zip(offsets, medium.weights, strict=True):
             folded = np.where(faces * offset > 0, -offset, offset)
-            there, bond = fringe.at(fringe.index[halo] + folded), fringe.bonded(fringe.index[halo] + folded)
-            known = there >= 0  # other nodes are held at zero
-            rows += [own[known], own[bond]]
-            columns += [size + there[known], size + halo[bond]]
-            data += [weight * scale[known], -weight * scale[bond]]
+            neighbour, bond = fringe.at(fringe.index[halo] + folded), fringe.bonded(fringe.index[halo] + folded)
+            inside = neighbour >= 0  # other nodes are held at zero
+            rows += [rows_of_halo[inside], rows_of_halo[bond]]
+            columns += [size + neighbour[inside], size + halo[bond]]
+            data += [weight * scale[inside], -weight * scale[bond]]
         return sparse.csr_array(
             (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=(len(halo), 3 * size)
         )

@@ -87,14 +87,14 @@ class Higdon(Closing):
             factors.append(np.array([[time + space, time - space], [space - time, -time - space]]) + shift / 4)
 
         def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            out = np.zeros((a.shape[0] + 1, a.shape[1] + 1))
+            summed = np.zeros((a.shape[0] + 1, a.shape[1] + 1))
             for i in range(2):
                 for j in range(2):
-                    out[i : i + a.shape[0], j : j + a.shape[1]] += a * b[i, j]
-            return out
+                    summed[i : i + a.shape[0], j : j + a.shape[1]] += a * b[i, j]
+            return summed
 
-        whole = reduce(product, factors)
-        weights = -whole / whole[0, 0]
+        operator = reduce(product, factors)
+        weights = -operator / operator[0, 0]
         weights[0, 0] = 0
         return weights
 
@@ -130,6 +130,6 @@ class Higdon(Closing):
             columns[:, :, steps] = np.arange(size) * len(fringe.points) + places[:, None]
         rows = np.repeat(np.arange(len(halo)), size**2)
         data = np.broadcast_to(weights, columns.shape).ravel()
-        found = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(fringe.points)))
-        found.eliminate_zeros()
-        return found
+        rows_of_halo = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(fringe.points)))
+        rows_of_halo.eliminate_zeros()
+        return rows_of_halo

@@ -21,8 +21,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon import kinds
-from farhorizon.analysis.layers.choice import Profile, weak
-from farhorizon.analysis.layers.gain import largest_gain
+from farhorizon.analysis.layers.profiles import Profile, largest_gain, weak
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.arguments import Duration
 from farhorizon.boundaries.side import Side, checked_target
@@ -284,13 +283,13 @@ def _drained(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
     """
     growth = stencil.backward_waves().growth
 
-    def feedback(one: Profile) -> float:
-        return growth * largest_gain(stencil, *one.edges(nodes, 1.0, 1.0))
+    def feedback(candidate: Profile) -> float:
+        return growth * largest_gain(stencil, *candidate.edges(nodes, 1.0, 1.0))
 
     if feedback(profile) <= _FEEDBACK:
         return profile
     shifted = [replace(profile, shift=shift, smooth=False) for shift in _SHIFTS]
-    return next((one for one in shifted if feedback(one) <= _FEEDBACK_SHIFTED), shifted[-1])
+    return next((candidate for candidate in shifted if feedback(candidate) <= _FEEDBACK_SHIFTED), shifted[-1])
 
 
 def _emptied(profile: Profile, nodes: int, stencil: Stencil, damped: HighPass | None) -> Profile:

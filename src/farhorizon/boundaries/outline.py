@@ -110,11 +110,13 @@ class Medium:
         """
         if self.components > 1:
             return False
-        known = {tuple(o): w for o, w in zip(np.round(self.offsets, 9).tolist(), self.weights.tolist(), strict=True)}
+        by_offset = {
+            tuple(o): w for o, w in zip(np.round(self.offsets, 9).tolist(), self.weights.tolist(), strict=True)
+        }
         return all(
-            abs(known.get(tuple(float(s * o[a]) for s, a in zip(signs, axes, strict=True)), np.inf) - w)
+            abs(by_offset.get(tuple(float(s * o[a]) for s, a in zip(signs, axes, strict=True)), np.inf) - w)
             <= 1e-9 * abs(w)
-            for o, w in known.items()
+            for o, w in by_offset.items()
             for axes in permutations(range(len(o)))
             for signs in product((1, -1), repeat=len(o))
         )
@@ -200,35 +202,16 @@ class Closing(Side, ABC):
 
 @dataclass
 class Outline:
-    """Near field among the nodes of a grid, and its surroundings.
+    """Near field among the nodes of a grid, and its surroundings."""
 
-    Attributes
-    ----------
-    origin : ndarray, shape (dim,)
-        Coordinates of the grid's first node.
-    spacing : float
-    near : ndarray of bool
-        Nodes of the grid that belong to the near field.
-    window : Shape or None
-        Shape of the near field; None for a box.
-    sides : dict of (axis, side) to Closing
-        Sides of the box that conditions close; all sides for a window.
-    periodic : set of int
-        Periodic axes.
-    free : set of (axis, side)
-        Sides of the grid across which there are no bonds.
-    offsets : ndarray, shape (J, dim)
-        Offsets of the stencil, in nodes.
-    """
-
-    origin: np.ndarray
+    origin: np.ndarray  # coordinates of the grid's first node, (dim,)
     spacing: float
-    near: np.ndarray
-    window: Shape | None
-    sides: Mapping[tuple[int, int], Closing]
-    periodic: frozenset[int]
-    free: frozenset[tuple[int, int]]
-    offsets: np.ndarray
+    near: np.ndarray  # nodes of the grid that belong to the near field, of bool
+    window: Shape | None  # shape of the near field; None for a box
+    sides: Mapping[tuple[int, int], Closing]  # sides of the box that conditions close; all sides for a window
+    periodic: frozenset[int]  # axes
+    free: frozenset[tuple[int, int]]  # sides of the grid across which there are no bonds
+    offsets: np.ndarray  # of the stencil, in nodes, (J, dim)
 
     def halo(self) -> np.ndarray:
         """Nodes of the grid beyond the outline whose values the conditions set: those that the stencil reads, or a
@@ -236,10 +219,10 @@ class Outline:
         """
         layer = next((b.layer for b in self.sides.values() if b.layer is not None), None)
         if layer is None:
-            found = np.zeros_like(self.near)
+            read = np.zeros_like(self.near)
             for offset in self.offsets:
-                found |= self._shifted(self.near, offset)
-            return found & ~self.near
+                read |= self._shifted(self.near, offset)
+            return read & ~self.near
         reach = int(layer / self.spacing + 1e-9)
         pads = [(reach if a in self.periodic else 0,) * 2 for a in range(self.near.ndim)]
         distance = ndimage.distance_transform_edt(~np.pad(self.near, pads, mode="wrap"))
@@ -248,18 +231,18 @@ class Outline:
 
     def _shifted(self, mask: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """Return the mask shifted by an offset; periodic axes wrap."""
-        out = mask
+        shifted = mask
         for axis, step in enumerate(offset.tolist()):
-            out = np.roll(out, step, axis)
+            shifted = np.roll(shifted, step, axis)
             if step and axis not in self.periodic:
                 edge = slice(0, step) if step > 0 else slice(step, None)
-                out[tuple(edge if a == axis else slice(None) for a in range(mask.ndim))] = False
-        return out
+                shifted[tuple(edge if a == axis else slice(None) for a in range(mask.ndim))] = False
+        return shifted
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the first and the last node of the near field along each axis."""
-        found = np.argwhere(self.near)
-        return found.min(0), found.max(0)
+        nodes = np.argwhere(self.near)
+        return nodes.min(0), nodes.max(0)
 
     def normals(self, index: np.ndarray) -> np.ndarray:
         """Return outward unit normals at nodes (N, dim) beyond the outline: radial for a disc or ball, for a box away
@@ -289,35 +272,19 @@ class Outline:
 
 
 class OutlineNodes:
-    """Nodes that conditions read or set.
-
-    Parameters
-    ----------
-    outline : Outline
-    halo : ndarray of bool
-        Nodes of the grid that belong to the halo.
-    depth : float
-        Distance to which conditions read into the near field.
+    """Nodes that conditions along an outline read, to a depth in the near field, or set: those of the halo, a mask of
+    the grid.
 
     Attributes
     ----------
-    index : ndarray of int, shape (S, dim)
-        Nodes of the grid.
-    points : ndarray, shape (S, dim)
-        Their coordinates.
-    filled : ndarray of int
-        Positions of the halo nodes in the fringe.
-    normals : ndarray, shape (S, dim)
-        Outward unit normals at the halo nodes; zero at others.
-    axes : ndarray of int, shape (S, dim)
-        Signed unit vector along the grid axis nearest to the normal.
-    faces : ndarray of int, shape (S, dim), or None
-        Outward directions of those sides of the box beyond which a halo node lies; None for other outlines.
-    extent : float
-        Half the extent of the near field.
-    spacing, depth : float
-    remarks : list of str
-        What conditions say about their rows, for the report.
+    index : (S, dim), nodes of the grid
+    points : (S, dim), their coordinates
+    filled : positions of the halo nodes in the fringe
+    normals : (S, dim), outward unit normals at the halo nodes; zero at others
+    axes : (S, dim), signed unit vector along the grid axis nearest to the normal
+    faces : (S, dim), outward directions of the sides of the box beyond which a halo node lies; None for other outlines
+    extent : half the extent of the near field
+    remarks : what conditions say about their rows, for the report
     """
 
     def __init__(self, outline: Outline, halo: np.ndarray, depth: float) -> None:
@@ -389,25 +356,13 @@ class OutlineNodes:
 
 
 class OutlineCondition:
-    """Conditions along one outline, in an engine.
-
-    Parameters
-    ----------
-    outline : Outline
-    medium : Medium
+    """Conditions along one outline, in an engine; an InputError if one cannot be used with the medium or the outline.
 
     Attributes
     ----------
-    halo, outside : ndarray of bool
-        Nodes of the grid that are set, and those beyond, which do not exist.
-    fringe : OutlineNodes
-    update : csr_array, shape (H, L S), or (d H, L d S)
-        Matrix that yields the new values of the halo from the fringe at the new step and at L - 1 earlier ones.
-
-    Raises
-    ------
-    InputError
-        If a condition cannot be used with the medium or the outline.
+    halo, outside : nodes of the grid that are set, and those beyond, which do not exist, of bool
+    update : (H, L S), or (d H, L d S), matrix that yields the new values of the halo from the fringe at the new step
+        and at L - 1 earlier ones
     """
 
     def __init__(self, outline: Outline, medium: Medium) -> None:
@@ -426,17 +381,17 @@ class OutlineCondition:
         self.levels = max(part.shape[1] for part in parts.values()) // size
         first = len(self.fringe.points) * np.arange(medium.components)[:, None]
         rows = np.concatenate([(self.fringe.owners()[key] + first).ravel() for key in parts])
-        found = sparse.vstack([_widened(part, self.levels * size) for part in parts.values()]).tocsr()
-        self._order, self._fronts = ordered_fronts(found, rows, size)
-        self.rows, self.update = rows[self._order], found[self._order]
+        stacked = sparse.vstack([_widened(part, self.levels * size) for part in parts.values()]).tocsr()
+        self._order, self._fronts = ordered_fronts(stacked, rows, size)
+        self.rows, self.update = rows[self._order], stacked[self._order]
 
     def attach(self, engine: Engine, indices: np.ndarray) -> None:
         """Pass the sparse update to the engine; `indices` are the places of the grid's nodes in a level."""
         self.engine, self.nodes = engine, engine.all_components(indices[tuple(self.fringe.index.T)])
         outside = engine.all_components(indices[self.outside])
         self.unmoved = np.concatenate([engine.all_components(indices[self.halo]), outside])
-        found = self.update.indptr, self.update.indices, self.update.data
-        sums = outline_table(self.nodes, self.levels, self._fronts, self.rows, *found, outside)
+        entries = self.update.indptr, self.update.indices, self.update.data
+        sums = outline_table(self.nodes, self.levels, self._fronts, self.rows, *entries, outside)
         engine.replace(outline_stencil=sums)
 
     def start(self) -> None:
@@ -467,21 +422,11 @@ def _widened(part: sparse.csr_array, columns: int) -> sparse.csr_array:
 
 
 def ordered_fronts(update: sparse.csr_array, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return an order in which rows can be computed, and the bounds of the fronts in it: a front reads new values of
-    earlier fronts only.
+    """An order in which rows can be computed, and the bounds of the fronts in it: a front reads new values of earlier
+    fronts only; an InputError if rows depend on each other.
 
-    Parameters
-    ----------
-    update : csr_array, shape (R, L * size)
-        Its first `size` columns are new values.
-    rows : ndarray of int, shape (R,)
-        Column that each row computes.
-    size : int
-
-    Raises
-    ------
-    InputError
-        If rows depend on each other.
+    The first `size` columns of the update, (R, L * size), are new values; `rows` (R,) are the columns that they
+    compute.
     """
     number = np.full(size, -1)
     number[rows] = np.arange(len(rows))

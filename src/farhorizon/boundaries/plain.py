@@ -1,4 +1,4 @@
-"""Sides without a layer: a fixed value, absent bonds, or periodic continuation."""
+"""Sides without a layer: a fixed value, absent bonds, periodic continuation, or the nodes of another process."""
 
 from __future__ import annotations
 
@@ -91,3 +91,16 @@ class Periodic(Side):
     drifting: ClassVar[bool] = True
     passive: ClassVar[bool] = True
     cracks: ClassVar[Literal["repeat"]] = "repeat"
+
+
+class Neighbour(Side, offered=False):
+    """Side beyond which the nodes belong to another process, which fills the halo there (`farhorizon.engine.exchange`).
+
+    Users do not choose it: it is placed where a run is divided into parts.
+    """
+
+    passive = shared = True
+    cracks = "end"
+
+    def __repr__(self) -> str:
+        return "Neighbour()"

@@ -228,10 +228,10 @@ class PlaneWave(Closing):
             f"condition number at most {condition:.1e}, norm of V at most {np.abs(matrix.data).max():.3g} "
             f"(remark 1: {_CONDITION:g} and {_NORM:g})"
         )
-        found = matrix.tocoo()
-        part, column = np.divmod(found.col, len(points))  # of each level, then of each component
+        entries = matrix.tocoo()
+        part, column = np.divmod(entries.col, len(points))  # of each level, then of each component
         shape = (count * len(halo), (medium.order + 1) * count * size)
-        return sparse.csr_array((found.data, (found.row, (part + count) * size + places[column])), shape=shape)
+        return sparse.csr_array((entries.data, (entries.row, (part + count) * size + places[column])), shape=shape)
 
 
 def update_matrix(
@@ -319,11 +319,11 @@ def _fitted_rows(
     near = cKDTree(points).query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
     outwards = wavevectors(recipe, points.shape[1], medium.order)
     # in the plane the modes are a mirror image of themselves
-    alike = points.shape[1] == 2 and medium.square
-    known: dict[tuple[bytes, bytes], modes.Fit] = {}
+    mirrored = points.shape[1] == 2 and medium.square
+    fits: dict[tuple[bytes, bytes], modes.Fit] = {}
     rows, columns, weights, count = [], [], [], medium.components
-    for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
-        members = np.array(found)
+    for number, (centre, normal, members_of_cloud) in enumerate(zip(absorbing, units, near, strict=True)):
+        members = np.array(members_of_cloud)
         # + 0: no negative zeros, because equal clouds are recognised by their bytes
         steps = np.round((points[members] - points[centre]) / spacing, 6) + 0.0
         chosen = cloud(spacing * steps, normal, spacing, recipe)
@@ -335,36 +335,28 @@ def _fitted_rows(
                 key="boundary.radius",
                 remedy=f"a radius above {recipe.radius:g}, or a wider cone",
             )
-        turned, steps = _turned(normal, steps[chosen]) if alike else (normal, steps[chosen])
+        oriented, steps = _oriented(normal, steps[chosen]) if mirrored else (normal, steps[chosen])
         order = np.lexsort(steps.T)
         chosen, steps = chosen[order], steps[order]
-        key = turned.tobytes(), steps.tobytes()
-        if key not in known:
-            known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(turned), spacing * steps)
-        for level, values in enumerate(known[key].weights):
+        key = oriented.tobytes(), steps.tobytes()
+        if key not in fits:
+            fits[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(oriented), spacing * steps)
+        for level, values in enumerate(fits[key].weights):
             table = values.reshape(chosen.size, count, count)
-            for own, other in np.ndindex(count, count):
-                rows.append(np.full(chosen.size, own * absorbing.size + number))
-                columns.append((level * count + other) * len(points) + members[chosen])
-                weights.append(table[:, other, own])
+            for component, read_component in np.ndindex(count, count):
+                rows.append(np.full(chosen.size, component * absorbing.size + number))
+                columns.append((level * count + read_component) * len(points) + members[chosen])
+                weights.append(table[:, read_component, component])
     shape = (count * absorbing.size, medium.order * count * len(points))
     matrix = sparse.csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
-    return matrix, max(fit.condition for fit in known.values())
+    return matrix, max(fit.condition for fit in fits.values())
 
 
 def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe) -> np.ndarray:
-    """Return the indices of the points in a cloud about the origin: within radius and cone (closed), thinned to those
-    nearest to a coarser grid.
+    """Indices of the points (J, dim), the origin included, in a cloud about the origin: within radius and cone (closed)
+    about the inward normal, thinned to those nearest to a coarser grid.
 
     Hermann et al. 2023, eq 54 and figure 7. The paper's cone is open and thus excludes the diagonals, which matter.
-
-    Parameters
-    ----------
-    places : ndarray, shape (J, dim)
-        Candidates, which include the origin.
-    normal : ndarray, shape (dim,)
-    spacing : float
-    recipe : Recipe
     """
     slack, narrow = 1e-6 * spacing, np.cos(recipe.cone)
 
@@ -396,19 +388,15 @@ def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, place
     """Return the fit of a cloud's nodes to wavevectors k."""
     k, symbol, polar = medium.waves(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
-    shape = modes.phases(k, places)
+    fitted = modes.CloudModes(modes.phases(k, places), factor, symbol, polar)
     if not recipe.operator:
-        return modes.fit(
-            shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond, polar=polar
-        )
+        return modes.fit(fitted, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
     centre = int(np.argmin(np.abs(places).sum(1)))
     rate = medium.coefficient / spacing**2
-    return modes.fit_operator(
-        shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0, polar
-    )
+    return modes.fit_operator(fitted, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0)
 
 
-def _turned(normal: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _oriented(normal: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a normal and the nodes of its cloud, mirrored and with axes exchanged such that the components of the
     normal are not negative and do not increase: clouds that are images of each other have one fit.
     """
@@ -447,24 +435,24 @@ def _check_points(points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray
 
 def _check_enclosing(points: np.ndarray, absorbing: np.ndarray) -> None:
     """Refuse absorbing nodes whose convex hull does not contain all points."""
-    others = np.delete(points, absorbing, axis=0)
-    if not len(others):
+    inner_points = np.delete(points, absorbing, axis=0)
+    if not len(inner_points):
         raise InputError("all nodes are absorbing", value=len(points), key="absorbing", remedy="leave a near field")
     size = float(np.ptp(points, axis=0).max())
     if points.shape[1] == 1:
-        beyond = np.maximum(points[absorbing].min() - others, others - points[absorbing].max()).ravel()
+        beyond = np.maximum(points[absorbing].min() - inner_points, inner_points - points[absorbing].max()).ravel()
     else:
         try:
             faces = ConvexHull(points[absorbing]).equations
         except (QhullError, ValueError):
-            beyond = np.full(len(others), size)
+            beyond = np.full(len(inner_points), size)
         else:
-            beyond = (others @ faces[:, :-1].T + faces[:, -1]).max(1)
+            beyond = (inner_points @ faces[:, :-1].T + faces[:, -1]).max(1)
     worst = int(np.argmax(beyond))
     if beyond[worst] > 1e-6 * size:
         raise InputError(
             "the absorbing nodes do not enclose the near field",
-            value=others[worst].tolist(),
+            value=inner_points[worst].tolist(),
             key="absorbing",
             limit="points within their convex hull",
             remedy="absorbing nodes all along the outline, or enclosing=False where others close it",

@@ -130,9 +130,11 @@ class Side:
         ):
             if getattr(cls, asked) and getattr(cls, answer) is getattr(Side, answer):
                 raise TypeError(f"{cls.__name__}.{asked} is true, so that the class needs a method {answer!r}")
-        known = Side.known.get(cls.__name__)
-        if known is not None and known.__module__ != cls.__module__:
-            raise TypeError(f"there is a side {cls.__name__!r} already, in {known.__module__}: give yours another name")
+        namesake = Side.known.get(cls.__name__)
+        if namesake is not None and namesake.__module__ != cls.__module__:
+            raise TypeError(
+                f"there is a side {cls.__name__!r} already, in {namesake.__module__}: give yours another name"
+            )
         cls.tag = kinds.hyphened(cls.__name__)
         if "label" not in cls.__dict__:
             cls.label = cls.tag.replace("-", " ")
@@ -213,4 +215,4 @@ def checked_target(target: object, least: float) -> float | None:
 
 def names(serves: Callable[[type[Side]], bool]) -> str:
     """Return the names of the sides for which `serves` holds, for messages."""
-    return ", ".join(sorted(name for name, kind in Side.known.items() if not isabstract(kind) and serves(kind)))
+    return ", ".join(sorted(name for name, side in Side.known.items() if not isabstract(side) and serves(side)))

@@ -27,8 +27,7 @@ from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
 from farhorizon.simulation.processes.subdomain import checked_topology
-from farhorizon.simulation.recorders.nodal_stress import fields_of
-from farhorizon.simulation.recorders.quantities import QUANTITIES
+from farhorizon.simulation.recorders.quantities import QUANTITIES, fields_of
 from farhorizon.simulation.recorders.recorder import Observer
 from farhorizon.simulation.setup.setup import check_names
 from farhorizon.simulation.time.steady_state import STATIC

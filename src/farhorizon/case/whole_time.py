@@ -13,7 +13,7 @@ from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.checks.report import Report, seconds
 from farhorizon.machine import without_collection
 from farhorizon.simulation.examination import modes_budget
-from farhorizon.simulation.recorders.nodal_stress import fields_of
+from farhorizon.simulation.recorders.quantities import fields_of
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.time.output import RunResults
 

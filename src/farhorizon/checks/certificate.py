@@ -22,6 +22,7 @@ from farhorizon.analysis.stability import (
     DENSE,
     Allowance,
     Growth,
+    LinearMap,
     dense_growth,
     fastest,
     krylov_growth,
@@ -713,9 +714,8 @@ def _noise_part(
     state, crossing = State(twin.engine), crossing_rounds(twin)
     pace = state.every * twin.dt
     asked = until / (crossing * pace)
-    growth, crossings = noise_growth(
-        state.after_rounds, state.size, pace / sim.crossing, crossing, _cost(twin), further, short, asked
-    )
+    update = LinearMap(state.after_rounds, state.size, pace / sim.crossing, crossing, _cost(twin))
+    growth, crossings = noise_growth(update, further, short, asked)
     quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * pace)
     if growth is None:
         return None, quiet, where
@@ -794,9 +794,8 @@ def _krylov_part(name: str, sim: Examined, crossing: float, allowance: Allowance
     """The fastest-growing mode of a set-up; `crossing` is the unit of time of its growth."""
     complete = State(sim.engine)
     pace = complete.every * sim.dt
-    growth = krylov_growth(
-        complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), _cost(sim), allowance
-    )
+    update = LinearMap(complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), _cost(sim))
+    growth = krylov_growth(update, allowance)
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         # static fields do not decay in such a layer: a double eigenvalue 1, slower than any run shows
         growth = replace(growth, error=np.inf)

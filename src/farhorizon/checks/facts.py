@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.analysis.layers.spectrum import Band
+from farhorizon.analysis.resolution import Band
 from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer

@@ -12,9 +12,20 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
-from farhorizon.analysis.layers.spectrum import Band, band, faded, gain_of_spectrum, gain_of_time
-from farhorizon.analysis.resolution import ENOUGH, Dispersion, dispersion, lines_of, resolution
+from farhorizon.analysis.layers.chain_modes import LatticeMedium
+from farhorizon.analysis.layers.reflection import LayerSide
+from farhorizon.analysis.resolution import (
+    ENOUGH,
+    Band,
+    Dispersion,
+    band,
+    dispersion,
+    faded,
+    gain_of_spectrum,
+    gain_of_time,
+    lines_of,
+    resolution,
+)
 from farhorizon.analysis.stability import Allowance, step_seconds
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told

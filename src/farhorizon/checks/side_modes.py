@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.reflection import by_type, reflection, types_of
+from farhorizon.analysis.layers.chain_modes import LatticeMedium, types_of
+from farhorizon.analysis.layers.reflection import by_type, reflection
 from farhorizon.analysis.stability import Allowance, Growth, dense_growth, eigenvalue_seconds, fastest, step_seconds
 from farhorizon.boundaries import Fixed, LatticePML, Periodic, Side
 from farhorizon.checks.examined import Examined

@@ -15,17 +15,11 @@ Key = tuple[int, int]  # axis and side, -1 or +1
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A grid of boxes that make up a lattice.
+    """A grid of boxes that make up a lattice."""
 
-    Attributes
-    ----------
-    cuts : tuple of tuples of int
-        For each axis the first node of each box, followed by the number of nodes.
-    periodic : frozenset of int
-        Axes along which the last box is a neighbour of the first one.
-    """
-
+    #: For each axis the first node of each box, followed by the number of nodes.
     cuts: tuple[tuple[int, ...], ...]
+    #: Axes along which the last box is a neighbour of the first one.
     periodic: frozenset[int]
 
     @property
@@ -43,16 +37,18 @@ class Decomposition:
 
     def neighbours(self, number: int) -> dict[Key, int]:
         """Numbers of the processes with adjacent boxes, along axes that are cut or periodic; -1 where there is none."""
-        place, found = self.place(number), {}
+        place, numbers = self.place(number), {}
         for axis, count in enumerate(self.topology):
             if count == 1 and axis not in self.periodic:
                 continue
             for side in (-1, 1):
-                at = list(place)
-                at[axis] += side
-                there = axis in self.periodic or 0 <= at[axis] < count
-                found[axis, side] = int(np.ravel_multi_index(tuple(at), self.topology, mode="wrap")) if there else -1
-        return found
+                neighbour = list(place)
+                neighbour[axis] += side
+                exists = axis in self.periodic or 0 <= neighbour[axis] < count
+                numbers[axis, side] = (
+                    int(np.ravel_multi_index(tuple(neighbour), self.topology, mode="wrap")) if exists else -1
+                )
+        return numbers
 
     def size(self, number: int, more: Mapping[Key, int]) -> list[int]:
         """Nodes of a process along each axis, including those beyond the outer sides."""
@@ -64,26 +60,17 @@ class Decomposition:
         ]
 
     def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int], edges: bool = True) -> list[int]:
-        """Number of nodes whose values a process sends to others in each exchange, along each axis; the last axis is
-        exchanged first.
-
-        Parameters
-        ----------
-        number : int
-        reach : sequence of int
-            Reach of the stencil along each axis.
-        more : mapping of (axis, side) to int
-            Nodes beyond the outer sides.
-        edges : bool
-            Whether later axes send the halos of earlier ones along.
+        """Number of nodes whose values a process sends to others in each exchange, along each axis, the last of which
+        is exchanged first; with `edges` later axes send the halos of earlier ones along. `more` are nodes beyond the
+        outer sides.
         """
-        sizes, neighbours, found = self.size(number, more), self.neighbours(number), [0] * len(reach)
+        sizes, neighbours, sent = self.size(number, more), self.neighbours(number), [0] * len(reach)
         for axis in (len(reach) - 1, *range(len(reach) - 1)):
-            others = [other for (a, _), other in neighbours.items() if a == axis]
+            processes = [process for (a, _), process in neighbours.items() if a == axis]
             across = int(np.prod([size for a, size in enumerate(sizes) if a != axis]))
-            found[axis] = sum(other not in (-1, number) for other in others) * reach[axis] * across
+            sent[axis] = sum(process not in (-1, number) for process in processes) * reach[axis] * across
             sizes[axis] += 2 * reach[axis] * edges
-        return found
+        return sent
 
     def corners(self) -> Iterator[int]:
         """Processes that include the one that exchanges most: the first, middle and last ones along each axis."""
@@ -102,28 +89,15 @@ def decompose(
     least: int = 1,
     work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """Divide a lattice into the grid of boxes that exchange least, cut into equal work along each axis.
+    """Divide a lattice into the grid of boxes that exchange least, cut into equal work along each axis; an InputError
+    for more processes than the lattice can be cut into, or a topology with another number of boxes than processes.
 
     Parameters
     ----------
-    shape : sequence of int
-    processes : int
-    reach : sequence of int
-        Reach of the stencil along each axis.
-    more : mapping of (axis, side) to float
-        Work beyond each side, such as that of layers, in nodes of the lattice along the axis.
-    periodic : frozenset of int
-    topology : sequence of int, optional
-        Boxes along each axis; the best ones unless given.
-    least : int
-        Minimum number of nodes of a box along an axis that is cut; it is more than twice the reach in any case.
-    work : sequence of ndarray, optional
-        Work of the nodes at each index along each axis, in units of `more`; 1 everywhere unless given.
-
-    Raises
-    ------
-    InputError
-        More processes than the lattice can be cut into, a topology with another number of boxes than processes.
+    more : work beyond each side, such as that of layers, in nodes of the lattice along the axis
+    topology : boxes along each axis; the best ones unless given
+    least : minimum number of nodes of a box along an axis that is cut; it is more than twice the reach in any case
+    work : work of the nodes at each index along each axis, in units of `more`; 1 everywhere unless given
     """
     fewest = [max(least, 2 * m + 1) for m in reach]
     most = [max(1, n // few) for n, few in zip(shape, fewest, strict=True)]
@@ -139,7 +113,7 @@ def decompose(
         choices = [tuple(int(count) for count in topology)]
     else:
         choices = list(_grids(processes, len(shape)))
-    fitting = [one for one in choices if all(count <= top for count, top in zip(one, most, strict=True))]
+    fitting = [grid for grid in choices if all(count <= top for count, top in zip(grid, most, strict=True))]
     if not fitting:
         raise InputError(
             "the lattice cannot be cut into so many boxes, each wider than the stencil and the filter of layers",
@@ -149,14 +123,14 @@ def decompose(
             remedy="fewer processes",
         )
     summed = [np.cumsum(np.ones(n) if work is None else work[a]) for a, n in enumerate(shape)]
-    made = [_cut(summed, one, fewest, more, periodic) for one in fitting]
+    candidates = [_cut(summed, grid, fewest, more, periodic) for grid in fitting]
     width = {key: int(np.ceil(nodes)) for key, nodes in more.items()}
 
-    def cost(one: Decomposition) -> tuple[int, tuple[int, ...]]:
-        most = max(sum(one.exchanged(number, reach, width, edges=False)) for number in one.corners())
-        return most, tuple(-count for count in one.topology)  # of equals, the one that cuts earlier axes
+    def cost(boxes: Decomposition) -> tuple[int, tuple[int, ...]]:
+        most = max(sum(boxes.exchanged(number, reach, width, edges=False)) for number in boxes.corners())
+        return most, tuple(-count for count in boxes.topology)  # of equals, the one that cuts earlier axes
 
-    return min(made, key=cost)
+    return min(candidates, key=cost)
 
 
 def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:
@@ -166,7 +140,7 @@ def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:
         return
     for first in range(1, count + 1):
         if count % first == 0:
-            yield from ((first, *rest) for rest in _grids(count // first, axes - 1))
+            yield from ((first, *further) for further in _grids(count // first, axes - 1))
 
 
 def _cut(
@@ -180,8 +154,8 @@ def _cut(
     cuts = []
     for axis, (sums, count, least) in enumerate(zip(summed, topology, fewest, strict=True)):
         low, high, n = more.get((axis, -1), 0.0), more.get((axis, 1), 0.0), len(sums)
-        shares = np.arange(count + 1) * (low + sums[-1] + high) / count - low
-        ends = np.interp(shares, np.append(0.0, sums), np.arange(n + 1)).round().astype(int).tolist()
+        targets = np.arange(count + 1) * (low + sums[-1] + high) / count - low
+        ends = np.interp(targets, np.append(0.0, sums), np.arange(n + 1)).round().astype(int).tolist()
         ends[0], ends[-1] = 0, n
         for i in range(1, count):
             ends[i] = min(max(ends[i], ends[i - 1] + least), n - (count - i) * least)

@@ -60,10 +60,10 @@ class Elements(Shape):
         self, elements: Annotated[Any, OneOf(file=_File)], group: str | None = None, scale: float = 1.0
     ) -> None:
         factor = kinds.number(scale, "scale", above=0)
-        wanted = None if group is None else kinds.text(group, "group")
-        if wanted is not None and not isinstance(elements, str | Path):
-            raise InputError("only files have groups", value=wanted, key="group", remedy="the elements of the group")
-        given = _read(Path(elements), wanted) if isinstance(elements, str | Path) else elements
+        name = None if group is None else kinds.text(group, "group")
+        if name is not None and not isinstance(elements, str | Path):
+            raise InputError("only files have groups", value=name, key="group", remedy="the elements of the group")
+        given = _read(Path(elements), name) if isinstance(elements, str | Path) else elements
         with naming(elements):
             corners = _corners(given)
             # scaled already, so that the same arguments give the same shape again
@@ -78,21 +78,21 @@ class Elements(Shape):
         return self.elements.min((0, 1)), self.elements.max((0, 1))
 
     def _contains(self, points: Array) -> Mask:
-        flat, found = points.reshape(-1, self.dim), np.zeros(points[..., 0].size, bool)
+        flat, contained = points.reshape(-1, self.dim), np.zeros(points[..., 0].size, bool)
         lower, upper = self.bounds()
         slack = TOLERANCE * float((upper - lower).max())
         tree = cKDTree(flat)
         for first in range(0, len(self.elements), _CHUNK):
-            some = self.elements[first : first + _CHUNK]
-            middle = some.mean(1)
-            radius = np.linalg.norm(some - middle[:, None], axis=-1).max(1) + slack
+            chunk = self.elements[first : first + _CHUNK]
+            middle = chunk.mean(1)
+            radius = np.linalg.norm(chunk - middle[:, None], axis=-1).max(1) + slack
             near = tree.query_ball_point(middle, radius)
-            counts = np.array([len(one) for one in near])
-            which = np.repeat(np.arange(len(some)), counts)
-            numbers = np.array([k for one in near for k in one], dtype=np.int64)
-            inside = _within(some, which, flat[numbers], slack)
-            found[numbers[inside]] = True
-        return found.reshape(points.shape[:-1])
+            counts = np.array([len(indices) for indices in near])
+            which = np.repeat(np.arange(len(chunk)), counts)
+            numbers = np.array([k for indices in near for k in indices], dtype=np.int64)
+            inside = _within(chunk, which, flat[numbers], slack)
+            contained[numbers[inside]] = True
+        return contained.reshape(points.shape[:-1])
 
 
 def _within(elements: Array, which: np.ndarray, points: Array, slack: float) -> Mask:
@@ -101,11 +101,13 @@ def _within(elements: Array, which: np.ndarray, points: Array, slack: float) -> 
     volume = np.linalg.det(edges)
     solid = np.abs(volume) > 0
     inverse = np.linalg.inv(np.where(solid[:, None, None], edges, np.eye(edges.shape[-1])))
-    shares = np.einsum("ni,nij->nj", points - elements[which, 0], inverse[which])  # of all corners but the first
+    coordinates = np.einsum(
+        "ni,nij->nj", points - elements[which, 0], inverse[which]
+    )  # barycentric, of all corners but the first
     slopes = np.concatenate([inverse, -inverse.sum(2, keepdims=True)], axis=2)
-    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # change of the shares over a distance of slack
-    shares = np.concatenate([shares, 1 - shares.sum(1, keepdims=True)], axis=1)
-    return np.asarray((shares >= -reach).all(1) & solid[which])
+    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # change of the coordinates over a distance of slack
+    coordinates = np.concatenate([coordinates, 1 - coordinates.sum(1, keepdims=True)], axis=1)
+    return np.asarray((coordinates >= -reach).all(1) & solid[which])
 
 
 def _corners(given: Any) -> Array:
@@ -155,23 +157,23 @@ def _read(path: Path, group: str | None) -> tuple[Array, Array]:
             key="group",
         )
     tags = mesh.cell_data.get("gmsh:physical", [None] * len(mesh.cells))
-    found: dict[int, list[np.ndarray]] = {}
+    by_dim: dict[int, list[np.ndarray]] = {}
     for block, tag in zip(mesh.cells, tags, strict=True):
         dim = _DIMENSION.get(block.type)
         chosen = slice(None) if group is None or tag is None else np.asarray(tag) == groups[group]
         if dim is not None and (group is None or (dim == spans[group] and tag is not None)):
-            found.setdefault(dim, []).append(np.asarray(block.data)[chosen][:, : _CORNERS[block.type]])
-    dim = max((one for one, blocks in found.items() if sum(map(len, blocks))), default=0)
+            by_dim.setdefault(dim, []).append(np.asarray(block.data)[chosen][:, : _CORNERS[block.type]])
+    dim = max((axes for axes, blocks in by_dim.items() if sum(map(len, blocks))), default=0)
     if not dim:
-        there = ", ".join(sorted({block.type for block in mesh.cells})) or "nothing"
+        types = ", ".join(sorted({block.type for block in mesh.cells})) or "nothing"
         what = "the mesh" if group is None else f"the group {group!r}"
         raise InputError(
             f"{what} has no triangles and no tetrahedra",
-            value=f"{path.name}: {there}",
+            value=f"{path.name}: {types}",
             key="elements" if group is None else "group",
             remedy="mesh the surface or the volume, and save all elements",
         )
-    points, numbers = np.asarray(mesh.points, float), np.concatenate(found[dim])
+    points, numbers = np.asarray(mesh.points, float), np.concatenate(by_dim[dim])
     if dim == 3 or points.shape[1] == 2:
         return points, numbers
     with naming(path):

@@ -35,21 +35,11 @@ Kernel = Callable[[np.ndarray], np.ndarray]
 
 
 class Blocks(NamedTuple):
-    """A block of nodes for each point, with weights that are products of those along the axes.
+    """A block of nodes for each point, with weights that are products of those along the axes."""
 
-    Attributes
-    ----------
-    first : ndarray of int, shape (n, dim)
-        Index of the first node of each block.
-    weights : tuple of ndarray, one per axis, shape (n, width)
-        Weights along the axis; the width of the blocks is the same for all points.
-    shape : tuple of int
-        Nodes of the lattice along each axis.
-    """
-
-    first: np.ndarray
-    weights: tuple[np.ndarray, ...]
-    shape: tuple[int, ...]
+    first: np.ndarray  # index of the first node of each block, (n, dim)
+    weights: tuple[np.ndarray, ...]  # along each axis, (n, width); the width is the same for all points
+    shape: tuple[int, ...]  # nodes of the lattice along each axis
 
     def entries(self) -> tuple[np.ndarray, np.ndarray]:
         """Flat indices in the lattice of all nodes of each block, and their weights, both of shape (n, nodes)."""
@@ -63,55 +53,32 @@ class Blocks(NamedTuple):
         return nodes, weights
 
     def within(self, begin: Sequence[int], shape: Sequence[int]) -> tuple[Blocks, np.ndarray]:
-        """Parts of the blocks that lie in a box of the lattice, and the numbers of the blocks that have such a part.
-
-        Parameters
-        ----------
-        begin : sequence of int
-            First node of the box along each axis.
-        shape : sequence of int
-            Number of nodes of the box along each axis.
+        """Parts of the blocks that lie in a box of the lattice, given by its first node and its number of nodes along
+        each axis, and the numbers of the blocks that have such a part.
         """
-        firsts, tables, there = [], [], np.ones(len(self.first), bool)
+        firsts, tables, in_box = [], [], np.ones(len(self.first), bool)
         for axis, (start, count) in enumerate(zip(begin, shape, strict=True)):
-            along, here = self.weights[axis], self.first[:, axis] - start
+            along, offset = self.weights[axis], self.first[:, axis] - start
             width = min(along.shape[1], count)
-            first = np.clip(here, 0, count - width)
-            place = (first - here)[:, None] + np.arange(width)  # in the block
+            first = np.clip(offset, 0, count - width)
+            place = (first - offset)[:, None] + np.arange(width)  # in the block
             inside = (place >= 0) & (place < along.shape[1])
-            taken = np.take_along_axis(along, np.where(inside, place, 0), 1)
+            shifted = np.take_along_axis(along, np.where(inside, place, 0), 1)
             firsts.append(first)
-            tables.append(np.where(inside, taken, 0.0))
-            there &= tables[-1].any(axis=1)
-        blocks = Blocks(np.stack(firsts, axis=1)[there], tuple(one[there] for one in tables), tuple(shape))
-        return blocks, np.flatnonzero(there)
+            tables.append(np.where(inside, shifted, 0.0))
+            in_box &= tables[-1].any(axis=1)
+        blocks = Blocks(np.stack(firsts, axis=1)[in_box], tuple(table[in_box] for table in tables), tuple(shape))
+        return blocks, np.flatnonzero(in_box)
 
 
 def interpolation_blocks(
     lattice: Lattice, points: np.ndarray, method: str = "sinc", derivative: int | None = None, key: str = "points"
 ) -> Blocks:
-    """Blocks whose sums are the values of a field at points, or its first derivatives there.
+    """Blocks whose sums are the values of a field at points, as from `as_points`, or its first derivatives there along
+    an axis: the windowed sinc itself is differentiated, "linear" interpolates central differences.
 
-    Parameters
-    ----------
-    lattice : Lattice
-    points : ndarray, shape (n, dim)
-        As returned by `as_points`.
-    method : {"sinc", "linear"}
-    derivative : int, optional
-        Axis of the derivative. The windowed sinc itself is differentiated; "linear" interpolates central differences.
-    key : str
-        Name of the points in messages.
-
-    Returns
-    -------
-    Blocks
-
-    Raises
-    ------
-    InputError
-        An unknown method, a point outside the near field or in a hole, or one so close to an edge or a hole that some
-        of the nodes in its sum do not exist.
+    An InputError, which names the points `key`, for an unknown method, a point outside the near field or in a hole, or
+    one so close to an edge or a hole that some of the nodes in its sum do not exist.
 
     Examples
     --------
@@ -128,30 +95,26 @@ def interpolation_blocks(
     near = np.round(place)
     place = np.where(np.abs(place - near) <= _ON_NODE * np.maximum(1.0, np.abs(near)), near, place)
     _check_inside(lattice, points, place, key)
-    found = [_along(place[:, a], n, kernels, derivative == a) for a, n in enumerate(lattice.shape)]
-    weights = tuple(along / lattice.spacing if derivative == a else along for a, (_, along) in enumerate(found))
-    blocks = Blocks(np.stack([first for first, _ in found], axis=1), weights, lattice.shape)
+    along_axes = [_along(place[:, a], n, kernels, derivative == a) for a, n in enumerate(lattice.shape)]
+    weights = tuple(along / lattice.spacing if derivative == a else along for a, (_, along) in enumerate(along_axes))
+    blocks = Blocks(np.stack([first for first, _ in along_axes], axis=1), weights, lattice.shape)
     _check_whole(lattice, points, blocks, method, derivative is not None, key)
     return blocks
 
 
 def as_points(points: Any, dim: int, key: str = "points") -> np.ndarray:
-    """Return points as an array of shape (n, dim); in one dimension, numbers along the line are accepted, too.
-
-    Raises
-    ------
-    InputError
-        Values that are not numbers, no point, or points of another dimension.
+    """Points as an array of shape (n, dim), at least one; in one dimension, numbers along the line are
+    accepted, too.
     """
     given = kinds.array(points, key)
     if given.ndim < 2 and dim == 1:
         given = given.reshape(-1, 1)
-    found = kinds.array(np.atleast_2d(given), key, shape=(None, dim))
-    if not len(found):
+    array = kinds.array(np.atleast_2d(given), key, shape=(None, dim))
+    if not len(array):
         raise InputError(
             "there is no point", value=kinds.said(given), limit="at least 1", key=key, remedy="give at least one"
         )
-    return found
+    return array
 
 
 def points_on_line(start: Point, end: Point, count: int) -> np.ndarray:
@@ -170,11 +133,11 @@ def points_on_line(start: Point, end: Point, count: int) -> np.ndarray:
         Ends of different dimensions, no point.
     """
     count = kinds.integer(count, "line.count", least=1)
-    ends = [np.atleast_1d(kinds.array(one, "line")) for one in (start, end)]
+    ends = [np.atleast_1d(kinds.array(point, "line")) for point in (start, end)]
     if ends[0].ndim != 1 or ends[0].shape != ends[1].shape:
         raise InputError(
             "both ends of a line need one coordinate per axis",
-            value=[one.shape for one in ends],
+            value=[point.shape for point in ends],
             limit="two equal shapes (dim,)",
             key="line",
             remedy="(x, y) for both in two dimensions",
@@ -197,12 +160,12 @@ def points_on_grid(lower: Point, upper: Point, counts: Annotated[Any, Toml(list[
     InputError
         Corners and counts of different dimensions, no point along an axis.
     """
-    corners = [np.atleast_1d(kinds.array(one, "grid")) for one in (lower, upper)]
+    corners = [np.atleast_1d(kinds.array(corner, "grid")) for corner in (lower, upper)]
     numbers = [kinds.integer(n, "grid.counts", least=1) for n in np.atleast_1d(np.asarray(counts, object))]
-    if any(one.shape != (len(numbers),) for one in corners):
+    if any(corner.shape != (len(numbers),) for corner in corners):
         raise InputError(
             "corners and counts of a grid have one entry an axis",
-            value=[*(one.shape for one in corners), len(numbers)],
+            value=[*(corner.shape for corner in corners), len(numbers)],
             limit="three equal lengths",
             key="grid",
             remedy="(x, y), (x, y) and (n, m) in two dimensions",
@@ -234,19 +197,19 @@ def _check_inside(lattice: Lattice, points: np.ndarray, place: np.ndarray, key: 
 
 def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: str, derived: bool, key: str) -> None:
     """Raise an InputError for a point whose sum includes nodes that do not exist."""
-    lacking = np.zeros(len(points), bool)
+    incomplete = np.zeros(len(points), bool)
     for along in blocks.weights:
-        lacking |= np.isnan(along).any(axis=1)
+        incomplete |= np.isnan(along).any(axis=1)
     if lattice.mask is not None:
         nodes, weights = blocks.entries()
-        lacking |= ((weights != 0) & ~lattice.mask.ravel()[nodes]).any(axis=1)
-    if lacking.any():
+        incomplete |= ((weights != 0) & ~lattice.mask.ravel()[nodes]).any(axis=1)
+    if incomplete.any():
         kernels, where = _KERNELS[method], "along each axis along which it is between nodes"
         half, more = (kernels.slope_half, ", and along the axis of a derivative") if derived else (kernels.half, "")
         raise InputError(
             f"the point is so close to the edge of the near field, or of a body or window, that some of the nodes "
             f"that interpolation = {method!r} needs are not there",
-            value=points[lacking][0],
+            value=points[incomplete][0],
             limit=f"{half} nodes to either side {where}{more}",
             key=key,
             remedy=another_point(method, derived),
@@ -255,10 +218,10 @@ def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: s
 
 def another_point(method: str, derived: bool) -> str:
     """What to do about a point whose sum is not possible: on a node, only derivatives use other nodes."""
-    found = (
+    place = (
         "a point farther away, because derivatives use neighbours also on a node" if derived else "a point on a node"
     )
-    return f"interpolation = 'linear', or {found}" if method == "sinc" else found
+    return f"interpolation = 'linear', or {place}" if method == "sinc" else place
 
 
 def _inside(distance: np.ndarray) -> np.ndarray:
@@ -269,8 +232,8 @@ def _inside(distance: np.ndarray) -> np.ndarray:
 def _sinc(distance: np.ndarray) -> np.ndarray:
     inside = _inside(distance)
     window = np.where(inside > 0, i0(_SHAPE * inside) / i0(_SHAPE), 0.0)
-    whole = distance == np.round(distance)  # where rounding errors of the sine would remain
-    return np.where(whole, distance == 0, np.sinc(distance) * window)
+    on_node = distance == np.round(distance)  # where rounding errors of the sine would remain
+    return np.where(on_node, distance == 0, np.sinc(distance) * window)
 
 
 def _sinc_slope(distance: np.ndarray) -> np.ndarray:

@@ -205,8 +205,8 @@ class Lattice(Storable):
         InputError
             There are no such nodes, unless this is a part of a lattice; for large lattices this is not checked earlier.
         """
-        found = [mask for mask in (self.framed, self.existing) if mask is not None]
-        return np.logical_and.reduce(found) if len(found) > 1 else next(iter(found), None)
+        masks = [mask for mask in (self.framed, self.existing) if mask is not None]
+        return np.logical_and.reduce(masks) if len(masks) > 1 else next(iter(masks), None)
 
     @property
     def framed(self) -> np.ndarray | None:
@@ -258,9 +258,9 @@ class Lattice(Storable):
                 remedy="the corner with the larger coordinates comes second",
             )
         steps = (upper - lower) / self.spacing
-        whole = np.round(steps)
-        if np.any(np.abs(steps - whole) > 1e-9 * np.maximum(1.0, whole)):
-            nearest = shown(lower + whole * self.spacing)
+        counts = np.round(steps)
+        if np.any(np.abs(steps - counts) > 1e-9 * np.maximum(1.0, counts)):
+            nearest = shown(lower + counts * self.spacing)
             raise InputError(
                 "upper - lower is not a whole number of spacings",
                 value=(upper - lower).tolist(),
@@ -268,7 +268,7 @@ class Lattice(Storable):
                 key="lattice.upper",
                 remedy=f"nearest upper = {nearest}",
             )
-        return np.zeros(len(lower)), whole
+        return np.zeros(len(lower)), counts
 
     @property
     def axes(self) -> list[np.ndarray]:
@@ -292,13 +292,13 @@ class Lattice(Storable):
         ranges : sequence of (int, int)
             First node and last node + 1 along each axis.
         """
-        made = copy.copy(self)
-        made._whole, made.first = self, tuple(first for first, _ in ranges)
-        made.shape = tuple(last - first for first, last in ranges)
-        made.lower = np.array([along[first] for along, (first, _) in zip(self.axes, ranges, strict=True)])
-        made.upper = np.array([along[last - 1] for along, (_, last) in zip(self.axes, ranges, strict=True)])
-        made._masks = {name: mask[made.within] for name, mask in self._masks.items()}
-        return made
+        box = copy.copy(self)
+        box._whole, box.first = self, tuple(first for first, _ in ranges)
+        box.shape = tuple(last - first for first, last in ranges)
+        box.lower = np.array([along[first] for along, (first, _) in zip(self.axes, ranges, strict=True)])
+        box.upper = np.array([along[last - 1] for along, (_, last) in zip(self.axes, ranges, strict=True)])
+        box._masks = {name: mask[box.within] for name, mask in self._masks.items()}
+        return box
 
     def around(self, more: Sequence[int]) -> tuple[Lattice, tuple[slice, ...]]:
         """This part of the whole lattice, extended by a number of nodes on both sides of each axis as far as they
@@ -306,8 +306,8 @@ class Lattice(Storable):
         """
         spans = zip(self.first, self.shape, more, self.whole.shape, strict=True)
         ends = [(max(first - m, 0), min(first + n + m, size)) for first, n, m, size in spans]
-        own = [slice(f - low, f - low + n) for f, (low, _), n in zip(self.first, ends, self.shape, strict=True)]
-        return self.whole.part(ends), tuple(own)
+        location = [slice(f - low, f - low + n) for f, (low, _), n in zip(self.first, ends, self.shape, strict=True)]
+        return self.whole.part(ends), tuple(location)
 
     @property
     def within(self) -> tuple[slice, ...]:
@@ -324,9 +324,9 @@ class Lattice(Storable):
         if (first == last).any():
             return np.zeros(0, np.int64)
         box = self.part(list(zip(first.tolist(), last.tolist(), strict=True)))
-        found = shape.contains(np.stack(box.coordinates(), axis=-1))
-        found = found if box.mask is None else found & box.mask
-        return np.ravel_multi_index(tuple((np.argwhere(found) + first).T), self.shape)
+        contained = shape.contains(np.stack(box.coordinates(), axis=-1))
+        contained = contained if box.mask is None else contained & box.mask
+        return np.ravel_multi_index(tuple((np.argwhere(contained) + first).T), self.shape)
 
     def own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which nodes of the `whole` (flat indices) belong to this part, and their flat indices here."""
@@ -428,8 +428,8 @@ def _middles(nodes: Sequence[int] | np.ndarray | int, box: Box) -> tuple[float, 
     """Return the spacing and the first and last node, shape (dim,), of cells that fill a box."""
     kinds.instance(box, "lattice.box", Box, "a box", remedy="box = { lower = [...], upper = [...] }")
     given = [nodes] if isinstance(nodes, int) else nodes.tolist() if isinstance(nodes, np.ndarray) else nodes
-    every = kinds.sequence(given, "lattice.nodes", "counts")
-    counts = np.array([kinds.integer(n, "lattice.nodes", least=1) for n in every])
+    entries = kinds.sequence(given, "lattice.nodes", "counts")
+    counts = np.array([kinds.integer(n, "lattice.nodes", least=1) for n in entries])
     lower, upper = (np.asarray(bound, float) for bound in box.bounds())
     if len(counts) != len(lower):
         raise InputError(

@@ -66,12 +66,12 @@ class Text(Shape):
         self.centre = constant("centre", np.zeros(2) if centre is None else centre, (2,))
         look = FontProperties(family=font, weight="bold" if bold else "normal")
         try:
-            known = get_font(findfont(look, fallback_to_default=False)).get_charmap()
+            characters = get_font(findfont(look, fallback_to_default=False)).get_charmap()
         except ValueError:
             raise InputError(
                 "no such font", value=font, key="font", remedy="DejaVu Sans, or a family that matplotlib finds"
             ) from None
-        missing = sorted({letter for letter in text if ord(letter) not in known})
+        missing = sorted({letter for letter in text if ord(letter) not in characters})
         if missing or not text.strip():
             raise InputError(
                 "the font cannot draw this",
@@ -187,10 +187,10 @@ class ImageMask(Shape):
         column, row = (
             np.floor((points - self._corner)[..., axis] * sign / self._pixel) for axis, sign in ((0, 1), (1, -1))
         )
-        there = (column >= 0) & (column < self.image.shape[1]) & (row >= 0) & (row < self.image.shape[0])
-        found = np.zeros(points.shape[:-1], bool)
-        found[there] = self.image[row[there].astype(int), column[there].astype(int)]
-        return found
+        in_image = (column >= 0) & (column < self.image.shape[1]) & (row >= 0) & (row < self.image.shape[0])
+        contained = np.zeros(points.shape[:-1], bool)
+        contained[in_image] = self.image[row[in_image].astype(int), column[in_image].astype(int)]
+        return contained
 
 
 def _brightness(path: Path) -> Array:

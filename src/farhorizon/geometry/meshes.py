@@ -87,14 +87,14 @@ class Mesh(Shape):
         inside = np.zeros(len(flat), bool)
         columns, of = np.unique(flat[near, :2], axis=0, return_inverse=True)
         height = flat[near, 2]
-        found = np.zeros(len(height), bool)
+        odd = np.zeros(len(height), bool)
         # A ray through an edge or a corner may meet two triangles or none. So each ray is displaced to all sides, and a
         # point on the surface is inside for one of them.
         for aside in ((1, 0.618), (-1, 0.618), (0.618, -1), (-0.618, -1)):
             met = self._met(columns + slack * np.array(aside))
             for z in (height - slack, height + slack):
-                found |= _odd_above(met, of.reshape(-1), z)
-        inside[near] = found
+                odd |= _odd_above(met, of.reshape(-1), z)
+        inside[near] = odd
         return inside.reshape(points.shape[:-1])
 
     def _met(self, columns: Array) -> np.ndarray:
@@ -105,8 +105,8 @@ class Mesh(Shape):
         last = np.searchsorted(columns[:, 0], high[:, 0], "right")
         for number in np.flatnonzero(last > first):
             a, b, c = self.triangles[number]
-            some = np.arange(first[number], last[number])
-            x, y = columns[some].T
+            near = np.arange(first[number], last[number])
+            x, y = columns[near].T
             edges = [
                 (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) for p, q in ((b, c), (c, a), (a, b))
             ]  # twice the areas opposite to a, b and c
@@ -114,7 +114,7 @@ class Mesh(Shape):
             through = (positive[0] == positive[1]) & (positive[1] == positive[2])
             area = sum(edges)[through]
             heights = sum(edge[through] * corner[2] for edge, corner in zip(edges, (a, b, c), strict=True)) / area
-            met.append(some[through] + 1j * heights)
+            met.append(near[through] + 1j * heights)
         return np.sort(np.concatenate(met))
 
 

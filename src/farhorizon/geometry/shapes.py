@@ -325,18 +325,8 @@ class Polygon(Shape):
 
 
 def polygon_side(points: Array, corners: Array, slack: float) -> tuple[Mask, Mask]:
-    """Find the points from which a ray crosses an odd number of a polygon's edges, and those within `slack` of an edge.
-
-    Parameters
-    ----------
-    points : ndarray, shape (..., 2)
-    corners : ndarray, shape (n, 2)
-        In order; the last is joined to the first.
-    slack : float
-
-    Returns
-    -------
-    odd, on_edge : ndarray of bool, shape (...)
+    """The points (..., 2) from which a ray crosses an odd number of the edges of a polygon with corners (n, 2), and
+    those within `slack` of an edge.
     """
     odd = np.zeros(points.shape[:-1], dtype=bool)
     on_edge = np.zeros_like(odd)

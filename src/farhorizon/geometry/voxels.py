@@ -85,31 +85,31 @@ class Voxels(Shape):
 
     def bounds(self) -> tuple[Array, Array]:
         along = [np.flatnonzero(self.voxels.any(tuple(set(range(self.dim)) - {axis}))) for axis in range(self.dim)]
-        low, high = np.array([one[0] for one in along]), np.array([one[-1] + 1 for one in along])
+        low, high = np.array([planes[0] for planes in along]), np.array([planes[-1] + 1 for planes in along])
         return self.lower + self.size * low, self.lower + self.size * high
 
     def _contains(self, points: Array) -> Mask:
         place, shape = (points - self.lower) / self.size, np.array(self.voxels.shape)
         slack = TOLERANCE * shape.max()
-        found = np.zeros(points.shape[:-1], bool)
+        contained = np.zeros(points.shape[:-1], bool)
         for aside in itertools.product((-slack, slack), repeat=self.dim):  # a face belongs to the cells on both sides
             cell = np.floor(place + np.array(aside)).astype(np.int64)
-            there = ((cell >= 0) & (cell < shape)).all(-1)
-            found[there] |= self.voxels[tuple(cell[there].T)]
-        return found
+            in_array = ((cell >= 0) & (cell < shape)).all(-1)
+            contained[in_array] |= self.voxels[tuple(cell[in_array].T)]
+        return contained
 
 
 def _taken(cells: np.ndarray, labels: Any) -> Mask:
     """Mask of the cells with the given labels, or of all that are not zero."""
     if labels is None:
         return cells != 0
-    wanted = kinds.array([labels] if isinstance(labels, int | np.integer) else labels, "labels", shape=(None,))
-    there = np.unique(cells)
-    missing = sorted(set(wanted.tolist()) - set(there.tolist()))
-    if missing or not wanted.size:
-        known = ", ".join(map(str, there[:_LISTED].tolist())) + ", ..." * (len(there) > _LISTED)
-        raise InputError("no voxel has this label", value=missing, limit=known, key="labels")
-    return np.isin(cells, wanted)
+    chosen = kinds.array([labels] if isinstance(labels, int | np.integer) else labels, "labels", shape=(None,))
+    present = np.unique(cells)
+    missing = sorted(set(chosen.tolist()) - set(present.tolist()))
+    if missing or not chosen.size:
+        listed = ", ".join(map(str, present[:_LISTED].tolist())) + ", ..." * (len(present) > _LISTED)
+        raise InputError("no voxel has this label", value=missing, limit=listed, key="labels")
+    return np.isin(cells, chosen)
 
 
 def _read(path: Path) -> np.ndarray:
@@ -129,5 +129,5 @@ def _pages(path: Path) -> np.ndarray:
         pages = np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
     if pages.ndim != 3:
         raise ValueError("its pages have colours")
-    found = pages.transpose(2, 1, 0)[:, ::-1]  # columns, rows from below, pages
-    return found[..., 0] if len(pages) == 1 else found
+    voxels = pages.transpose(2, 1, 0)[:, ::-1]  # columns, rows from below, pages
+    return voxels[..., 0] if len(pages) == 1 else voxels

@@ -22,49 +22,36 @@ from farhorizon.medium.stencil import Stencil
 
 @dataclass(frozen=True)
 class ForceStates:
-    """State, law and forces as sums over the bonds of a lattice, in units of its spacing, for unit P modulus.
-
-    Attributes
-    ----------
-    offsets : ndarray of int, shape (K, dim)
-    bonds : ndarray, shape (K, dim, dim)
-        Springs in addition to the states.
-    gradient : ndarray, shape (K, n, dim)
-        G, which gives the n numbers of a state.
-    divergence : ndarray, shape (K, dim, n)
-        D.
-    shapes : ndarray, shape (K, dim, dim)
-        Contribution of a bond to the shape tensor of its node, which is the identity where all bonds are present.
-    law : callable
-        Takes shape tensors, shape (S, dim, dim), and moduli, shape (S, 3), in which it is linear, and returns M, shape
-        (S, n, n).
-    moduli : tuple of three floats
-        Lame's constant and the shear modulus of the law, and the stabilisation.
-    signs : tuple of tuple of int
-        For each number of a state and each axis, whether the number changes its sign (1) or not (0) when the axis is
-        reversed.
-    kept : bool
-        Whether the shape tensors of nodes stay as they are when their bonds are cut or break.
-    unweakened : bool
-        Whether the last bonds of a node bear its full stress, see `engine.shape_tensors.stress_left`.
-    released : ndarray, shape (K, 3), or None
-        For bonds that break by energy, the energy that is lost with them in an intact body, see `energy_of_bonds`; such
-        bonds leave the shape tensors as they were at first. None where bonds break by their stretch.
-    closed : ndarray, shape (K, dim, dim), or None
-        Springs along the bonds, for absent bonds that are shorter than at first; None where absent bonds carry nothing.
+    """State, law and forces as sums over the K bonds of a lattice, in units of its spacing, for unit P modulus; a state
+    has n numbers.
     """
 
     offsets: np.ndarray
+    #: Springs in addition to the states, (K, dim, dim).
     bonds: np.ndarray
+    #: G, which gives the state, (K, n, dim).
     gradient: np.ndarray
+    #: D, (K, dim, n).
     divergence: np.ndarray
+    #: Contribution of a bond to the shape tensor of its node, which is the identity where all bonds are present,
+    #: (K, dim, dim).
     shapes: np.ndarray
+    #: Takes shape tensors, (S, dim, dim), and moduli, (S, 3), in which it is linear, and returns M, (S, n, n).
     law: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    #: Lame's constant and the shear modulus of the law, and the stabilisation.
     moduli: tuple[float, float, float]
+    #: For each number of a state and each axis, whether the number changes its sign (1) or not (0) when the axis is
+    #: reversed.
     signs: tuple[tuple[int, ...], ...]
+    #: Whether the shape tensors of nodes stay as they are when their bonds are cut or break.
     kept: bool = False
+    #: Whether the last bonds of a node bear its full stress, see `engine.shape_tensors.stress_left`.
     unweakened: bool = False
+    #: For bonds that break by energy, the energy that is lost with them in an intact body, see `energy_of_bonds`,
+    #: (K, 3); such bonds leave the shape tensors as they were at first. None where bonds break by their stretch.
     released: np.ndarray | None = None
+    #: Springs along the bonds, (K, dim, dim), for absent bonds that are shorter than at first; None where absent bonds
+    #: carry nothing.
     closed: np.ndarray | None = None
 
 
@@ -73,22 +60,18 @@ def energy_of_bonds(states: ForceStates) -> np.ndarray:
     of one of its ends.
 
     The stretch of the longest bonds is 1, and the others are elongated by the same length, as all bonds across a crack
-    are when its faces move apart. With a stretch that is the same for all, or an energy for bonds of a kernel
-    ``1 / |xi|``, the energy spent by a crack depends more strongly on its angle to the lattice
+    are when its faces move apart. With a stretch that is the same for all, or an energy for bonds of a kernel ``1 /
+    |xi|``, the energy spent by a crack depends more strongly on its angle to the lattice
     (`farhorizon.studies.toughness`). The criterion that bonds break by their energy is due to Foster, Silling and Chen
     (2011), International Journal for Multiscale Computational Engineering 9, 675.
-
-    Parameters
-    ----------
-    states : ForceStates
     """
     dim, lengths = states.offsets.shape[1], np.linalg.norm(states.offsets, axis=1)
     stretch = (lengths.max() / lengths)[:, None]
     eta = stretch * states.offsets
-    whole = stretch * np.einsum("kqa,ka->q", states.gradient, states.offsets)  # state of a node in such a body
-    own = np.einsum("kqa,ka->kq", states.gradient, eta)
+    state = stretch * np.einsum("kqa,ka->q", states.gradient, states.offsets)  # state of a node in such a body
+    of_bond = np.einsum("kqa,ka->kq", states.gradient, eta)
     units = states.law(np.broadcast_to(np.eye(dim), (3, dim, dim)), np.eye(3))
-    forces = np.einsum("kaq,mqp,kp->kma", states.divergence, units, whole - own / 2)
+    forces = np.einsum("kaq,mqp,kp->kma", states.divergence, units, state - of_bond / 2)
     found = np.einsum("kma,ka->km", forces, eta)
     if states.moduli[2]:
         springs = np.einsum("ka,kab,kb->k", eta, states.bonds, eta)
@@ -100,13 +83,8 @@ def closing_rate(states: ForceStates, softest: float = 1.0) -> float:
     """Upper bound of what closed bonds add to the largest value of the symbol.
 
     Each of them replaces an absent bond, and with it the spring of that bond beside the states: along the bond, or the
-    same in all directions. What it adds is smaller by the stiffness of that spring.
-
-    Parameters
-    ----------
-    states : ForceStates
-    softest : float
-        Where the medium varies, the least stiffness of the springs over that of closed bonds, relative to the model.
+    same in all directions. What it adds is smaller by the stiffness of that spring. `softest` is the least stiffness of
+    the springs over that of closed bonds, where the medium varies, relative to the model.
     """
     if states.closed is None:
         return 0.0
@@ -136,11 +114,11 @@ def correspondence_states(
 
     def law(shapes: np.ndarray, moduli: np.ndarray) -> np.ndarray:
         inverse = inverse_shapes(shapes)  # e = q K^-1, p = sigma(e) K^-1 - pull e
-        found = np.einsum("s,sab,sdc->sabcd", moduli[:, 0], inverse, inverse)
-        found += np.einsum("s,ac,sdj,sjb->sabcd", moduli[:, 1], eye, inverse, inverse)
-        found += np.einsum("s,scb,sda->sabcd", moduli[:, 1], inverse, inverse)
-        found -= np.einsum("s,ac,sdb->sabcd", moduli[:, 2], eye, inverse)
-        return np.asarray(found.reshape(len(shapes), dim * dim, dim * dim))
+        matrices = np.einsum("s,sab,sdc->sabcd", moduli[:, 0], inverse, inverse)
+        matrices += np.einsum("s,ac,sdj,sjb->sabcd", moduli[:, 1], eye, inverse, inverse)
+        matrices += np.einsum("s,scb,sda->sabcd", moduli[:, 1], inverse, inverse)
+        matrices -= np.einsum("s,ac,sdb->sabcd", moduli[:, 2], eye, inverse)
+        return np.asarray(matrices.reshape(len(shapes), dim * dim, dim * dim))
 
     return ForceStates(
         offsets,

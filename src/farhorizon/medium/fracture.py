@@ -8,7 +8,8 @@ import numpy as np
 
 
 def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) -> float:
-    """Energy per area (2D: per length and thickness) that is spent when all bonds across a plane break.
+    """Energy per area (2D: per length and thickness) that is spent when all bonds across a plane break at a stretch;
+    for both directions of each bond, (K, dim), and their stiffness, (K,).
 
     A bond of stiffness C (force density over elongation) holds ``C V (s |xi|)^2 / 2`` at the critical stretch s, where
     V is the volume of a node, and each pair of opposite bonds contributes ``|xi . n| / V`` bonds across a unit of area
@@ -16,54 +17,23 @@ def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) ->
     space. In the continuum with a constant micromodulus c this is ``pi c s^2 horizon^5 / 10`` (Silling and Askari 2005,
     Computers and Structures 83) and ``c s^2 horizon^4 / 4`` in the plane, that is ``s = sqrt(5 G / (6 E horizon))`` in
     space, ``sqrt(4 pi G / (9 E horizon))`` in plane stress, ``sqrt(5 pi G / (12 E horizon))`` in plane strain.
-
-    Parameters
-    ----------
-    bonds : ndarray, shape (K, dim)
-        Both directions of each bond.
-    stiffness : ndarray, shape (K,)
-    stretch : float
     """
     lengths = np.linalg.norm(bonds, axis=1)
     return float(stretch**2 / 4 * (stiffness * lengths**3).sum() * (2 / np.pi if bonds.shape[1] == 2 else 0.5))
 
 
 def stretch_that_spends(energy: Any, factor: float, young: float, horizon: float) -> Any:
-    """Critical stretch s at which a crack spends the energy per area ``factor young horizon s^2``.
-
-    Parameters
-    ----------
-    energy : float or ndarray
-    factor, young, horizon : float
-
-    Returns
-    -------
-    float or ndarray
-    """
+    """Critical stretch s at which a crack spends the energy per area ``factor young horizon s^2``."""
     return np.sqrt(energy / (factor * young * horizon))
 
 
 def final_stretch(bonds: np.ndarray, stiffness: np.ndarray, onset: Any, energy: Any) -> Any:
     """Stretch s1 at which softening bonds no longer carry any force, such that a crack across a plane spends the given
-    energy per area.
+    energy per area, infinite where there are no bonds; `bonds` and `stiffness` as for `fracture_energy`, `onset` is s0.
 
     A bond whose force falls linearly from that at the stretch s0 to zero takes ``C V |xi|^2 s0 s1 / 2``, while it holds
     ``C V |xi|^2 s0^2 / 2`` at s0: over all bonds across a plane the energy is ``s0 s1`` times the `fracture_energy` of
     a stretch of 1. A force that decays as ``exp(-2 (s - s0) / (s1 - s0))`` takes the same energy but never reaches
     zero.
-
-    Parameters
-    ----------
-    bonds : ndarray, shape (K, dim)
-        Both directions of each bond.
-    stiffness : ndarray, shape (K,)
-    onset : float or ndarray
-        s0.
-    energy : float or ndarray
-        Energy per area; infinite where there are no bonds.
-
-    Returns
-    -------
-    float or ndarray
     """
     return energy / (fracture_energy(bonds, stiffness, 1.0) * onset)

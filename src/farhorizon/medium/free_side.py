@@ -22,19 +22,6 @@ class FreeSide:
     the nodes at both ends of a bond also lack some of their bonds, and have different shape tensors: rows differ down
     to twice the reach of the bonds, which is the reach of the stencil.
 
-    Parameters
-    ----------
-    stencil : Stencil
-        Stencil of the medium inside.
-    axis : int
-        Axis normal to the side.
-    side : {-1, 1}
-        1 if the medium ends towards larger indices, -1 towards smaller ones.
-    edge : int
-        Index of the outermost nodes along the axis.
-    states : ForceStates, optional
-        States whose convolution is the stencil; plain bonds unless given.
-
     Examples
     --------
     >>> end = FreeSide(Stencil.finite_difference(1), 0, 1)
@@ -42,11 +29,11 @@ class FreeSide:
     ([-1, 1], [[1.0, 0.0], [1.0, 1.0]])
     """
 
-    stencil: Stencil
-    axis: int
-    side: int
-    edge: int = 0
-    states: ForceStates | None = None
+    stencil: Stencil  # of the medium inside
+    axis: int  # normal to the side
+    side: int  # 1 if the medium ends towards larger indices, -1 towards smaller ones
+    edge: int = 0  # index of the outermost nodes along the axis
+    states: ForceStates | None = None  # whose convolution is the stencil; None for plain bonds
 
     @property
     def order(self) -> list[int]:
@@ -78,15 +65,15 @@ class FreeSide:
         rows, components = self.stencil.reach[self.axis] + 1, self.stencil.components
         if self.states is None:
             weights = self.stencil.weights.reshape(-1, components, components)
-            there = self.side * self.stencil.offsets[:, self.axis] <= np.arange(rows)[:, None]
-            return self.stencil.offsets, there[..., None, None] * weights
-        made = np.stack([self._row_of_states(self.states, row) for row in range(rows)])
-        size = np.abs(made).max((0, -2, -1))
+            present = self.side * self.stencil.offsets[:, self.axis] <= np.arange(rows)[:, None]
+            return self.stencil.offsets, present[..., None, None] * weights
+        tables = np.stack([self._row_of_states(self.states, row) for row in range(rows)])
+        size = np.abs(tables).max((0, -2, -1))
         size = np.maximum(size, np.flip(size))
         reach = np.array(size.shape) // 2
         size[tuple(reach)] = 0  # the weight of a node's own value is minus the sum of all others
         offsets = np.argwhere(size > _FAINT * size.max())
-        return offsets - reach, made[:, *offsets.T]
+        return offsets - reach, tables[:, *offsets.T]
 
     def _row_of_states(self, states: ForceStates, row: int) -> np.ndarray:
         """Sum over the bonds of a node in a row of the forces due to the states at both ends, as a dense table of the
@@ -98,10 +85,10 @@ class FreeSide:
         table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
         for k in np.flatnonzero(up <= row):
             for end, at in ((offsets[k], row - up[k]), (0 * offsets[k], row)):
-                there = up <= at
-                (law,) = states.law(states.shapes[there].sum(0)[None], np.array([states.moduli]))
-                pulled = states.divergence[k] @ law @ states.gradient[there]
-                table[tuple((offsets[there] + end + 2 * reach).T)] += pulled
+                present = up <= at
+                (law,) = states.law(states.shapes[present].sum(0)[None], np.array([states.moduli]))
+                pulled = states.divergence[k] @ law @ states.gradient[present]
+                table[tuple((offsets[present] + end + 2 * reach).T)] += pulled
                 table[tuple(end + 2 * reach)] -= pulled.sum(0)
             table[tuple(offsets[k] + 2 * reach)] += states.bonds[k]
         return table

@@ -23,37 +23,29 @@ Rotation = tuple[tuple[int, int, int], ...]
 
 @dataclass(frozen=True)
 class Stages:
-    """Description of an integrator for the engine.
+    """Description of an integrator for the engine."""
 
-    Attributes
-    ----------
-    levels : int
-        Number of time levels in memory.
-    rotation : tuple
-        ``rotation[phase][stage] = (in, base, out)``, level numbers.
-    numbers : tuple
-        ``numbers[stage] = (a, b, scale, source_scale)`` with L written in differences.
-    increments : bool
-        Whether the base level holds the increment u(n) - u(n-1) and is advanced in place.
-    """
-
+    #: Number of time levels in memory.
     levels: int
+    #: ``rotation[phase][stage] = (in, base, out)``, level numbers.
     rotation: tuple[Rotation, ...]
+    #: ``numbers[stage] = (a, b, scale, source_scale)`` with L written in differences.
     numbers: tuple[tuple[float, float, float, float], ...]
+    #: Whether the base level holds the increment u(n) - u(n-1) and is advanced in place.
     increments: bool = False
 
 
-def _turned(rotation: Rotation) -> tuple[Rotation, ...]:
+def _closed_cycle(rotation: Rotation) -> tuple[Rotation, ...]:
     """Steps whose result lies in another level than their start: each begins where the previous one ends, and the last
     ends where the first begins.
     """
     order = list(range(1 + max(level for stage in rotation for level in stage)))
-    found: list[Rotation] = []
-    while not found or order != sorted(order):
-        found.append(tuple((order[src], order[base], order[out]) for src, base, out in rotation))
+    rotations: list[Rotation] = []
+    while not rotations or order != sorted(order):
+        rotations.append(tuple((order[src], order[base], order[out]) for src, base, out in rotation))
         result = order[rotation[-1][2]]
         order = [result, *(level for level in order if level != result)]
-    return tuple(found)
+    return tuple(rotations)
 
 
 class _OneStage:
@@ -93,11 +85,11 @@ class Verlet(_OneStage):
     @staticmethod
     def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
         """Stages of one step; with `lasting`, a further level takes the result, so that the base outlives its stage."""
-        share = damping * dt
-        scale = dt**2 / (1 + share)
+        damped = damping * dt
+        scale = dt**2 / (1 + damped)
         if increments:
-            return Stages(3, (((0, 2, 1),), ((1, 2, 0),)), ((1.0, (1 - share) / (1 + share), scale, scale),), True)
-        numbers = ((2 / (1 + share), -(1 - share) / (1 + share), scale, scale),)
+            return Stages(3, (((0, 2, 1),), ((1, 2, 0),)), ((1.0, (1 - damped) / (1 + damped), scale, scale),), True)
+        numbers = ((2 / (1 + damped), -(1 - damped) / (1 + damped), scale, scale),)
         if lasting:
             return Stages(3, (((0, 1, 2),), ((2, 0, 1),), ((1, 2, 0),)), numbers)
         return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), numbers)
@@ -113,39 +105,34 @@ class Verlet(_OneStage):
 
 
 class VerletModes:
-    """Exact result of any number of steps of velocity Verlet for each eigenmode.
-
-    Parameters
-    ----------
-    symbol : ndarray
-        Eigenvalue of -L of each mode, in 1/time^2.
-    dt : float
-    damping : float
-        d of `Verlet`.
+    """Exact result of any number of steps of velocity Verlet, with its damping d, for each eigenmode, from its
+    eigenvalue of -L in 1/time^2.
     """
 
     def __init__(self, symbol: np.ndarray, dt: float, damping: float = 0.0) -> None:
         # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)) has no difference of nearly equal powers, so that rounding
         # errors grow only like n. Overdamped modes have an imaginary angle; without them everything stays real, because
         # complex functions take ten times as long.
-        self._dt, self._share = dt, damping * dt
-        share, quarter = self._share, dt**2 * np.asarray(symbol, float)
-        self._ratio = np.sqrt((1 - share) / (1 + share))
-        self._cosine = (1 - quarter / 2) / np.sqrt(1 - share**2)
-        sine = np.emath.sqrt((quarter - quarter**2 / 4 - share**2) / (1 - share**2))
+        self._dt, self._damped = dt, damping * dt
+        damped, quarter = self._damped, dt**2 * np.asarray(symbol, float)
+        self._ratio = np.sqrt((1 - damped) / (1 + damped))
+        self._cosine = (1 - quarter / 2) / np.sqrt(1 - damped**2)
+        sine = np.emath.sqrt((quarter - quarter**2 / 4 - damped**2) / (1 - damped**2))
         self._angle = np.arctan2(sine, self._cosine) if np.isrealobj(sine) else -1j * np.log(self._cosine + 1j * sine)
         self._flat = np.abs(sine) < 1e-9
         self._sine = np.where(self._flat, 1.0, sine)
 
     def after(self, steps: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Amplitudes of the modes after `steps` steps, from the amplitudes and their time derivatives at t = 0."""
-        turned = steps * self._angle
-        found = u * np.cos(turned)
-        if self._share or np.any(v):
+        angle = steps * self._angle
+        amplitudes = u * np.cos(angle)
+        if self._damped or np.any(v):
             limit = np.power(self._cosine, steps - 1, where=self._flat, out=np.ones_like(self._cosine))
-            slope = np.where(self._flat, steps * limit, np.sin(turned) / self._sine)
-            found = found + (self._share * self._cosine * u + self._ratio * (1 + self._share) * self._dt * v) * slope
-        return self._ratio**steps * found
+            slope = np.where(self._flat, steps * limit, np.sin(angle) / self._sine)
+            amplitudes = (
+                amplitudes + (self._damped * self._cosine * u + self._ratio * (1 + self._damped) * self._dt * v) * slope
+            )
+        return self._ratio**steps * amplitudes
 
 
 @dataclass(frozen=True)
@@ -192,7 +179,7 @@ class RungeKutta4:
         """Stages of one step: u + dt L (u + dt/2 L (u + dt/3 L (u + dt/4 L u))); with `lasting` the base outlives its
         stage.
         """
-        rotation = _turned(((0, 0, 1), (1, 0, 2), (2, 0, 1), (1, 0, 2 if lasting else 0)))
+        rotation = _closed_cycle(((0, 0, 1), (1, 0, 2), (2, 0, 1), (1, 0, 2 if lasting else 0)))
         return Stages(3, rotation, tuple((0.0, 1.0, dt / j, dt) for j in (4, 3, 2, 1)))
 
     @staticmethod
@@ -287,8 +274,8 @@ class RungeKuttaChebyshev(Storable):
     def _mix(self) -> tuple[float, float]:
         """Weights of the start and of the last Chebyshev stage (which is 1 at z = 0) in the result."""
         _, w1, values, slopes = self._shift()
-        share = values[-1] / (w1 * slopes[-1])  # b T_s with b = 1 / (w1 T_s'): the first derivative is 1
-        return 1 - share, share
+        last = values[-1] / (w1 * slopes[-1])  # b T_s with b = 1 / (w1 T_s'): the first derivative is 1
+        return 1 - last, last
 
     def step_limit(self, largest: float) -> float:
         """Largest stable step for the largest eigenvalue of -L."""
@@ -307,10 +294,10 @@ class RungeKuttaChebyshev(Storable):
             scale = 2 * w1 * values[j - 1] / values[j] * dt
             rotation.append((place[j - 1], place[j - 2], place[j]))
             numbers.append((2 * w0 * values[j - 1] / values[j], -values[j - 2] / values[j], scale, scale))
-        share = self._mix()
+        weights = self._mix()
         rotation.append((place[last], 0, place[last + 1] if lasting else 0))
-        numbers.append((share[1], share[0], 0.0, 0.0))
-        return Stages(turns + 1, _turned(tuple(rotation)), tuple(numbers))
+        numbers.append((weights[1], weights[0], 0.0, 0.0))
+        return Stages(turns + 1, _closed_cycle(tuple(rotation)), tuple(numbers))
 
     def _times(self) -> np.ndarray:
         """Time of each Chebyshev stage in steps, from the start (0) to the last (about 3, before it is mixed with the
@@ -350,10 +337,8 @@ Integrator = Verlet | Euler | RungeKutta4 | RungeKuttaChebyshev
 
 def stage_effects(stages: Stages) -> np.ndarray:
     """Effect of a unit added to the output of each stage on the state after the step, if the operator does not act on
-    it; shape (stages,).
-
-    A conserved quantity therefore changes in a step by the sum over the stages of effect times scale times the flow
-    into the input of the stage.
+    it, shape (stages,): a conserved quantity changes in a step by the sum over the stages of effect times scale times
+    the flow into the input of the stage.
     """
     rotation = stages.rotation[0]
     effects = np.zeros(len(rotation))

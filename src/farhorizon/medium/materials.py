@@ -12,18 +12,8 @@ from farhorizon.errors import suggestion
 
 @dataclass(frozen=True)
 class Solid:
-    """Constants of an isotropic solid.
-
-    Attributes
-    ----------
-    young : float
-        Young's modulus (Pa).
-    poisson : float
-        Poisson's ratio.
-    density : float
-        Mass per volume (kg/m^3).
-    sources : mapping of str to str
-        Source of each constant.
+    """Constants of an isotropic solid in SI units: Young's modulus, Poisson's ratio, the density, and the source of
+    each.
     """
 
     young: float
@@ -39,17 +29,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Fluid:
-    """Constants of a fluid at rest.
-
-    Attributes
-    ----------
-    speed : float
-        Speed of sound (m/s).
-    density : float
-        Mass per volume (kg/m^3).
-    sources : mapping of str to str
-        Source of each constant.
-    """
+    """Constants of a fluid at rest in SI units: the speed of sound, the density, and the source of each."""
 
     speed: float
     density: float
@@ -213,4 +193,4 @@ class materials(metaclass=_Named):
 
 def named() -> dict[str, Solid | Fluid]:
     """All named materials, by name."""
-    return {name: one for name, one in vars(materials).items() if isinstance(one, Solid | Fluid)}
+    return {name: material for name, material in vars(materials).items() if isinstance(material, Solid | Fluid)}

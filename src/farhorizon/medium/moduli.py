@@ -30,31 +30,21 @@ class Moduli(NamedTuple):
 def moduli_of(
     given: Mapping[str, Any], fixed: float | None, plane: str | None, material: str, combinations: str
 ) -> Moduli:
-    """All constants from two of young, poisson, bulk and shear, or one modulus where Poisson's ratio is fixed.
+    """All constants from two of young, poisson, bulk and shear, or one modulus where Poisson's ratio is fixed; an
+    InputError for too few constants, constants that do not agree, or a Poisson's ratio that the material cannot have.
 
-    Parameters
-    ----------
-    given : mapping of str to float or ndarray
-    fixed : float or None
-        Poisson's ratio of the material, if it has one of its own.
-    plane : {"strain", "stress"} or None
-    material, combinations : str
-        Used in messages: the name of the material, and the combinations that allow other Poisson's ratios.
-
-    Raises
-    ------
-    InputError
-        Too few constants, constants that do not agree, a Poisson's ratio that the material cannot have.
+    `material` and `combinations` are used in messages: the name of the material, and the combinations that allow other
+    Poisson's ratios.
     """
     nu = given.get("poisson", _poisson(given, fixed))
     if nu is None or not set(given) - {"poisson"}:
-        one = fixed is not None
+        is_fixed = fixed is not None
         raise InputError(
-            f"a {material} material needs {'one modulus' if one else 'two elastic constants'}",
+            f"a {material} material needs {'one modulus' if is_fixed else 'two elastic constants'}",
             value=f"only {', '.join(sorted(given))}" if given else "none",
-            limit=_MODULI if one else _PAIRS,
+            limit=_MODULI if is_fixed else _PAIRS,
             key="model",
-            remedy="give young" if one else "give young and poisson",
+            remedy="give young" if is_fixed else "give young and poisson",
         )
     check_ratio(nu, "model.poisson")
     if fixed is not None:
@@ -68,12 +58,13 @@ def moduli_of(
         shear = 3 * given["bulk"] * (1 - 2 * nu) / (2 * (1 + nu))
     space = 2 * shear * nu / (1 - 2 * nu)
     lame = 2 * space * shear / (space + 2 * shear) if plane == "stress" else space
-    found = Moduli(2 * shear * (1 + nu), nu, space + 2 * shear / 3, shear, lame)
+    moduli = Moduli(2 * shear * (1 + nu), nu, space + 2 * shear / 3, shear, lame)
     for name, value in given.items():
-        apart = np.abs(getattr(found, name) - value)
+        apart = np.abs(getattr(moduli, name) - value)
         if np.any(apart > _CLOSE * np.maximum(np.abs(value), 1.0 if name == "poisson" else 0.0)):
             worst = int(np.argmax(apart))
-            wrong, right = (np.broadcast_to(one, np.shape(apart)).flat[worst] for one in (value, getattr(found, name)))
+            pair = (value, getattr(moduli, name))
+            wrong, right = (np.broadcast_to(constant, np.shape(apart)).flat[worst] for constant in pair)
             raise InputError(
                 "elastic constants do not agree",
                 value=float(wrong),
@@ -81,7 +72,7 @@ def moduli_of(
                 key=f"model.{name}",
                 remedy="give two of them",
             )
-    return found
+    return moduli
 
 
 def check_ratio(values: np.ndarray | float, key: str) -> None:

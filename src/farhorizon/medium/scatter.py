@@ -76,10 +76,10 @@ def uniform(seed: int, *numbers: np.ndarray) -> np.ndarray:
     """Uniform random numbers strictly between 0 and 1, determined by a seed and arrays of whole numbers of one
     shape.
     """
-    found = _mixed(np.asarray(seed, np.uint64))
-    for one in numbers:
-        found = _mixed(found ^ np.asarray(one).astype(np.int64).view(np.uint64))
-    return np.asarray(((found >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53)
+    bits = _mixed(np.asarray(seed, np.uint64))
+    for values in numbers:
+        bits = _mixed(bits ^ np.asarray(values).astype(np.int64).view(np.uint64))
+    return np.asarray(((bits >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53)
 
 
 def _mixed(bits: np.ndarray) -> np.ndarray:

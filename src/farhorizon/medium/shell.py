@@ -19,26 +19,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class Shell:
     r"""The nodes within one reach of the faces of a box, on both sides of them, and the commutator of an operator with
-    the box.
+    the box; `first` and `last` are the smallest and the largest index of the box along each axis.
 
     Let :math:`\chi` be 1 on the nodes of the box and 0 outside. Where u solves the equation of the uniform medium
     outside the box, :math:`(1 - \chi) u` is what that medium radiates, on the whole infinite lattice, when it is driven
     by the forces :math:`f = L (\chi u) - \chi L u`. Only bonds between a node inside and one outside contribute to
-    them: :math:`f_i = \sum_j w_{ij} (\chi_j - \chi_i) u_j`. There is no quadrature error, whatever the integrator.
-
-    Parameters
-    ----------
-    stencil : Stencil
-        Stencil of the medium at the faces and outside.
-    first, last : array_like of int, shape (dim,)
-        Smallest and largest index of the box along each axis.
-    end : FreeSide, optional
-        Free side at which the medium ends; a box that extends beyond it is open there. All nodes exist unless given.
-
-    Notes
-    -----
-    The counterpart in electromagnetics uses a surface between the nodes, and has the error of its quadrature: Taflove
-    and Hagness, Computational Electrodynamics (2005), chapter 8.
+    them: :math:`f_i = \sum_j w_{ij} (\chi_j - \chi_i) u_j`. There is no quadrature error, whatever the integrator. The
+    counterpart in electromagnetics uses a surface between the nodes, and has the error of its quadrature: Taflove and
+    Hagness, Computational Electrodynamics (2005), chapter 8.
 
     Examples
     --------
@@ -52,7 +40,7 @@ class Shell:
     stencil: Stencil
     first: ArrayLike
     last: ArrayLike
-    end: FreeSide | None = None
+    end: FreeSide | None = None  # at which the medium ends; a box that extends beyond it is open there
 
     @cached_property
     def nodes(self) -> np.ndarray:
@@ -114,10 +102,10 @@ class Shell:
         numbers[np.ravel_multi_index(tuple((nodes - low).T), tuple(extent))] = np.arange(count)
         rows, columns, values = [], [], []
         for number, offset in enumerate(self._offsets):
-            other = nodes + offset
-            jump = (self.contains(other).astype(float) - self.inside) * self._exist(other)
+            ends = nodes + offset
+            jump = (self.contains(ends).astype(float) - self.inside) * self._exist(ends)
             (i,) = np.nonzero(jump)
-            j = numbers[np.ravel_multi_index(tuple((other[i] - low).T), tuple(extent))]
+            j = numbers[np.ravel_multi_index(tuple((ends[i] - low).T), tuple(extent))]
             for a, b in np.argwhere(weights[:, number].any(0)):
                 rows.append(a * count + i)
                 columns.append(b * count + j)

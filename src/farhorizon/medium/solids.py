@@ -19,16 +19,12 @@ Table = tuple[np.ndarray, np.ndarray]
 
 
 def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Adjust the weights of bonds such that the lattice is exactly isotropic for long waves, with half second moment 1.
+    """Adjust the weights of bonds such that the lattice is exactly isotropic for long waves, with half second moment 1;
+    an InputError for a family that is too small for this.
 
     The fourth moments of a lattice's family have cubic symmetry only. The factor ``alpha + beta sum_a n_a^4`` gives
     them the two values that they have in the continuum, ``sum w r^2 n_x^4 / 2 = 3/(dim + 2)`` and ``sum w r^2 n_x^2
     n_y^2 / 2 = 1/(dim + 2)``.
-
-    Raises
-    ------
-    InputError
-        A family that is too small for this.
     """
     dim = offsets.shape[1]
     r2 = (offsets**2).sum(1)
@@ -61,7 +57,7 @@ def dilatation(offsets: np.ndarray, weights: np.ndarray, lame: float, calibrate:
     """
     moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
     g = weights[:, None] * offsets / moment
-    return _convolution(offsets, g, lambda one: lame * one[:, None] * g[:, None, :])
+    return _convolution(offsets, g, lambda gk: lame * gk[:, None] * g[:, None, :])
 
 
 def correspondence(
@@ -75,31 +71,25 @@ def correspondence(
     moment = (weights * offsets[:, 0] ** 2).sum()
     g = weights[:, None] * offsets / moment
     eye = np.eye(offsets.shape[1])
-    push = (lame + shear, shear, -stabilisation)
-    made = _convolution(
+    factors = (lame + shear, shear, -stabilisation)
+    table = _convolution(
         offsets,
         g,
-        lambda one: push[0] * one[:, None] * g[:, None, :] + (push[1] + push[2]) * eye * (g @ one)[:, None, None],
+        lambda gk: factors[0] * gk[:, None] * g[:, None, :] + (factors[1] + factors[2]) * eye * (g @ gk)[:, None, None],
     )
-    return sum_of(made, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else made
+    return (
+        sum_of(table, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else table
+    )
 
 
 def neutral_stabilisation(lame: np.ndarray | float, shear: np.ndarray | float) -> np.ndarray:
-    r"""The stabilisation of a correspondence material above which S waves grow faster as they grow shorter.
+    """The stabilisation of a correspondence material, relative to the P modulus, above which S waves grow faster as
+    they grow shorter.
 
-    Let b be the fourth moment of the weights over the second. The gradient of a wave along an axis is then
-    ``k - b k^3/6`` and the springs of the stabilisation are ``k^2 - b k^4/12``, so that
-    ``rho omega^2 = mu k^2 + b k^4 (G/4 - mu/3)``: no S wave is faster than long ones if G is at most 4 mu/3, and no P
-    wave if it is at most 4/3 of its modulus.
-
-    Parameters
-    ----------
-    lame, shear : ndarray or float
-
-    Returns
-    -------
-    ndarray
-        Relative to the P modulus.
+    Let b be the fourth moment of the weights over the second. The gradient of a wave along an axis is then ``k - b
+    k^3/6`` and the springs of the stabilisation are ``k^2 - b k^4/12``, so that ``rho omega^2 = mu k^2 + b k^4 (G/4 -
+    mu/3)``: no S wave is faster than long ones if G is at most 4 mu/3, and no P wave if it is at most 4/3 of its
+    modulus.
     """
     return np.asarray(4 * shear / (3 * (lame + 2 * shear)))
 
@@ -112,11 +102,11 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
         np.array([-1.0, 0.0, 1.0]) / 2,
     )
 
-    def product(kinds: list[np.ndarray]) -> np.ndarray:
-        return np.einsum(",".join("ijk"[:dim]) + "->" + "ijk"[:dim], *kinds)
+    def product(matrices: list[np.ndarray]) -> np.ndarray:
+        return np.einsum(",".join("ijk"[:dim]) + "->" + "ijk"[:dim], *matrices)
 
     offsets = np.array([o for o in itertools.product((-1, 0, 1), repeat=dim) if any(o)])
-    found = np.zeros((len(offsets), dim, dim))
+    weights = np.zeros((len(offsets), dim, dim))
     for a, b in itertools.product(range(dim), repeat=2):
         if a == b:
             along = [
@@ -126,8 +116,8 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
             table = np.sum(along, axis=0)
         else:
             table = (lame + shear) * product([difference if c in (a, b) else mass for c in range(dim)])
-        found[:, a, b] = table[tuple(offsets.T + 1)]
-    return offsets, found
+        weights[:, a, b] = table[tuple(offsets.T + 1)]
+    return offsets, weights
 
 
 def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
@@ -136,8 +126,8 @@ def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
     """
     reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
     table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
-    for o, one in zip(offsets, g, strict=True):
-        table[tuple((offsets + o + 2 * reach).T)] += product(one)
+    for o, gk in zip(offsets, g, strict=True):
+        table[tuple((offsets + o + 2 * reach).T)] += product(gk)
     return _listed(table)
 
 
@@ -150,11 +140,12 @@ def _listed(table: np.ndarray) -> Table:
     return offsets - reach, table[tuple(offsets.T)]
 
 
-def sum_of(one: Table, two: Table) -> Table:
-    reach = max(int(np.abs(offsets).max(initial=0)) for offsets, _ in (one, two))  # a part may vanish
-    dim = one[0].shape[1]
+def sum_of(first: Table, second: Table) -> Table:
+    """The sum of two tables."""
+    reach = max(int(np.abs(offsets).max(initial=0)) for offsets, _ in (first, second))  # a part may vanish
+    dim = first[0].shape[1]
     table = np.zeros((*[2 * reach + 1] * dim, dim, dim))
-    for offsets, weights in (one, two):
+    for offsets, weights in (first, second):
         table[tuple((offsets + reach).T)] += weights
     return _listed(table)
 
@@ -163,11 +154,13 @@ def stencil_of(table: Table) -> Stencil:
     """Stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror images."""
     offsets, weights = table
     dim = offsets.shape[1]
-    known = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
+    by_offset = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
     for axis in range(dim):
         sign = np.where(np.arange(dim) == axis, -1, 1)
-        known = {o: (w + np.outer(sign, sign) * known[tuple((sign * o).tolist())]) / 2 for o, w in known.items()}
-    return Stencil(np.array(list(known)), np.array(list(known.values())))
+        by_offset = {
+            o: (w + np.outer(sign, sign) * by_offset[tuple((sign * o).tolist())]) / 2 for o, w in by_offset.items()
+        }
+    return Stencil(np.array(list(by_offset)), np.array(list(by_offset.values())))
 
 
 @lru_cache(maxsize=8)  # a set-up asks for its stencil many times, and each check covers all waves

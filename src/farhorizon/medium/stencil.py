@@ -25,20 +25,13 @@ _MOST_NEIGHBOURS = 100_000  # in a kernel's stencil: far more than any use needs
 
 @dataclass(frozen=True)
 class BackwardWaves:
-    """Waves whose group and phase velocity have opposite signs along an axis.
+    """Waves whose group and phase velocity have opposite signs along an axis."""
 
-    Attributes
-    ----------
-    growth : float
-        Largest first-order growth rate per unit of layer strength sigma; 0 if there are no backward waves.
-    fraction : float
-        Fraction of the Brillouin zone in which waves are backward along any axis.
-    first_wavenumber : float
-        Smallest |k| times spacing of a backward wave; infinite if there are none.
-    """
-
+    #: Largest first-order growth rate per unit of layer strength sigma; 0 if there are no backward waves.
     growth: float
+    #: Fraction of the Brillouin zone in which waves are backward along any axis.
     fraction: float
+    #: Smallest |k| times spacing of a backward wave; infinite if there are none.
     first_wavenumber: float
 
     def __bool__(self) -> bool:
@@ -205,9 +198,9 @@ class Stencil(Storable):
         for first in range(self.components):
             signs[first] = signs[first] or 1
             for _ in range(self.components):
-                for one, other in np.argwhere(coupled):
-                    if signs[one] and not signs[other]:
-                        signs[other] = signs[one] * (1 if even[one, other] else -1)
+                for first_of, second_of in np.argwhere(coupled):
+                    if signs[first_of] and not signs[second_of]:
+                        signs[second_of] = signs[first_of] * (1 if even[first_of, second_of] else -1)
         return signs
 
     def _unlike(self, offsets: np.ndarray, weights: np.ndarray) -> list[int] | None:
@@ -221,9 +214,9 @@ class Stencil(Storable):
 
     def even_along(self, axis: int) -> bool:
         """Whether a reflection across an axis, in which components change `signs`, leaves the stencil unchanged."""
-        turn, sign = np.where(np.arange(self.dim) == axis, -1, 1), self.signs[:, axis]
-        turned = self.weights if self.components == 1 else self.weights * np.outer(sign, sign)
-        return self._unlike(self.offsets * turn, turned) is None
+        mirror, sign = np.where(np.arange(self.dim) == axis, -1, 1), self.signs[:, axis]
+        weights = self.weights if self.components == 1 else self.weights * np.outer(sign, sign)
+        return self._unlike(self.offsets * mirror, weights) is None
 
     def same_along(self, axis: int, other: int) -> bool:
         """Whether exchanging two axes, and with them the components of a vector, leaves the stencil unchanged."""
@@ -291,9 +284,9 @@ class Stencil(Storable):
             )
         grid = np.array([o for o in itertools.product(range(-reach, reach + 1), repeat=dim) if any(o)])
         r = np.sqrt((grid**2).sum(1))
-        share = np.clip(delta + 0.5 - r, 0.0, 1.0) if kernel.volume == "ramp" else (r <= delta + 1e-9).astype(float)
+        fraction = np.clip(delta + 0.5 - r, 0.0, 1.0) if kernel.volume == "ramp" else (r <= delta + 1e-9).astype(float)
         c = kernel.scaling_constant(dim) * spacing ** (dim + 2 - kernel.exponent)
-        weights = c * kernel.influence_at(r * spacing) * share * r ** -float(kernel.exponent)
+        weights = c * kernel.influence_at(r * spacing) * fraction * r ** -float(kernel.exponent)
         used = weights > 1e-14 * weights.max()
         if not used.any():  # such as a linear influence, which is zero at the horizon
             raise InputError(
@@ -416,20 +409,20 @@ class Stencil(Storable):
         """
         shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
         width = self.weights.shape[1:]
-        turned = np.swapaxes(self.weights, 1, 2) if width else self.weights
-        skew = bool(np.any(self.weights != turned))
+        transposed = np.swapaxes(self.weights, 1, 2) if width else self.weights
+        skew = bool(np.any(self.weights != transposed))
         total = np.zeros((*width, *shape), complex if skew else float)
-        for o, w, other in zip(self.offsets, self.weights, turned, strict=True):
+        for o, w, opposite in zip(self.offsets, self.weights, transposed, strict=True):
             if tuple(o) < (0,) * self.dim:
                 continue
             phase = sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True) if i), np.zeros(()))
             # has the full shape only for offsets that depend on all angles
-            like, unlike = even(o, phase), odd(o, phase) if skew else 0.0
+            even_part, odd_part = even(o, phase), odd(o, phase) if skew else 0.0
             for entry in np.ndindex(width):
-                if w[entry] or other[entry]:
-                    total[entry] += (w[entry] + other[entry]) * like
+                if w[entry] or opposite[entry]:
+                    total[entry] += (w[entry] + opposite[entry]) * even_part
                     if skew:
-                        total[entry] -= 1j * (w[entry] - other[entry]) * unlike
+                        total[entry] -= 1j * (w[entry] - opposite[entry]) * odd_part
         return np.moveaxis(total, (0, 1), (-2, -1)) if width else total
 
     def branches(self, *angles: np.ndarray | float) -> np.ndarray:
@@ -498,9 +491,9 @@ class Stencil(Storable):
             return BackwardWaves(0.0, 0.0, np.inf)
         zone, growth = self.layer_growth
         radius = np.sqrt(sum(a**2 for a in zone))
-        found = (growth > 0).any(-1)
+        backward = (growth > 0).any(-1)
         return BackwardWaves(
-            float(growth.max()), float(found.mean()), float(radius[found].min()) if found.any() else np.inf
+            float(growth.max()), float(backward.mean()), float(radius[backward].min()) if backward.any() else np.inf
         )
 
     def __repr__(self) -> str:
@@ -547,8 +540,8 @@ def _symbol_maximum(stencil: Stencil) -> float:
     for flat in np.argsort(values, axis=None)[-3:]:
         index = np.unravel_index(flat, values.shape)
         start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
-        found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
-        best = max(best, -float(found.fun))
+        maximum = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
+        best = max(best, -float(maximum.fun))
     return best
 
 

@@ -9,38 +9,27 @@ import numpy as np
 
 from farhorizon.engine.bonds import combined
 
-_ROUNDING = 1e-14
+_ROUNDING = 1e-14  # of values computed by a few operations
 
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """Variation of a medium: arrays of the lattice's shape, None where it does not vary.
+    """Variation of a medium: arrays of the lattice's shape, None where it does not vary."""
 
-    Attributes
-    ----------
-    stiffness : ndarray or None
-        Modulus of the waves described by the model's coefficient, over that of the model; without `moduli` it is the
-        factor on bonds.
-    density : ndarray or None
-        Mass of a node over that of a node of the model.
-    moduli : ndarray, shape (3, ...), or None
-        Moduli of `ForceStates`, where forces follow from states of the nodes.
-    springs : ndarray or None
-        Factor on the bonds beside these states.
-    lame : ndarray, shape (2, ...), or None
-        Lame's constants of such a medium.
-    strength : ndarray or None
-        Critical stretch, or fracture energy, over that of the model.
-    toughness : ndarray or None
-        Fracture energy over that of the model where bonds also have a critical stretch, at which they begin to soften.
-    """
-
+    #: Modulus of the waves described by the model's coefficient, over that of the model; without `moduli` it is the
+    #: factor on bonds.
     stiffness: np.ndarray | None = None
+    #: Mass of a node over that of a node of the model.
     density: np.ndarray | None = None
+    #: Moduli of `ForceStates`, where forces follow from states of the nodes, (3, ...).
     moduli: np.ndarray | None = None
+    #: Factor on the bonds beside these states.
     springs: np.ndarray | None = None
+    #: Lame's constants of such a medium, (2, ...).
     lame: np.ndarray | None = None
+    #: Critical stretch, or fracture energy, over that of the model.
     strength: np.ndarray | None = None
+    #: Fracture energy over that of the model where bonds also have a critical stretch, at which they begin to soften.
     toughness: np.ndarray | None = None
 
     @property
@@ -77,26 +66,19 @@ def is_one(values: np.ndarray) -> bool:
     return bool(np.abs(values - 1).max(initial=0) < _ROUNDING)
 
 
-def lightest_bond(stiff: np.ndarray, heavy: np.ndarray, offsets: np.ndarray, rule: str) -> float:
-    """Largest ratio of the factor of a bond to the smaller mass of its ends.
+def lightest_bond(factors: np.ndarray, masses: np.ndarray, offsets: np.ndarray, rule: str) -> float:
+    """Largest ratio of the factor of a bond to the smaller mass of its ends; factor on the bonds and mass of each node
+    have a margin beyond each edge as wide as bonds reach, and `rule` combines the factors of the ends of a bond.
 
     If no weight is negative, the squared frequencies of the medium are at most this ratio times those of the uniform
     one: the bonds between nodes heavier than any m, which have a mass of at least m, oscillate no faster than all bonds
     do.
-
-    Parameters
-    ----------
-    stiff, heavy : ndarray
-        Factor on the bonds and mass of each node, with a margin beyond each edge as wide as bonds reach.
-    offsets : ndarray of int, shape (K, dim)
-    rule : {"both", "arithmetic", "harmonic"}
-        How the factors of the ends of a bond are combined.
     """
     reach = np.abs(offsets).max(0)
-    largest, shape = 0.0, np.array(heavy.shape) - 2 * reach
-    here = tuple(slice(m, m + n) for m, n in zip(reach, shape, strict=True))
+    largest, shape = 0.0, np.array(masses.shape) - 2 * reach
+    ends = tuple(slice(m, m + n) for m, n in zip(reach, shape, strict=True))
     for offset in offsets:
-        there = tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, shape, strict=True))
-        bond = combined(rule, stiff[here], stiff[there])
-        largest = max(largest, float((bond / np.minimum(heavy[here], heavy[there])).max()))
+        other_ends = tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, shape, strict=True))
+        bond = combined(rule, factors[ends], factors[other_ends])
+        largest = max(largest, float((bond / np.minimum(masses[ends], masses[other_ends])).max()))
     return largest

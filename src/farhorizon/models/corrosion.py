@@ -137,10 +137,10 @@ class Corrosion(LatticeModel):
             )
         stencil = self.stencil(spacing, dim)
         ahead = float((stencil.weights * np.maximum(stencil.offsets[:, 0], 0)).sum())
-        whole = self.interface * self.diffusivity * ahead / spacing
+        flow = self.interface * self.diffusivity * ahead / spacing
         if self.limited:
-            return whole * (self.saturation - far) / (metal - self.saturation)
-        return whole / float(np.log((metal - far) / (self.saturation - far)))
+            return flow * (self.saturation - far) / (metal - self.saturation)
+        return flow / float(np.log((metal - far) / (self.saturation - far)))
 
     def interface_for(self, speed: float, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
         """The `interface` for which a plane front has a given speed (length / time) under activation control; for the

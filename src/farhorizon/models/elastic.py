@@ -421,22 +421,22 @@ class Elastic(LatticeModel):
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
         """Nodes are ordered by the speed of P waves, and for each strength separately."""
-        found: list[Ordered] = [(values[name], {name: values[name]}) for name in self._strength if name in values]
+        by_strength: list[Ordered] = [(values[name], {name: values[name]}) for name in self._strength if name in values]
         if not self.uneven:
-            return found
+            return by_strength
         solids = _moduli(self, values)
         modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", self.density))
         given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
         of_solid = {name: np.broadcast_to(value, modulus.shape) for name, value in given.items()}
-        return [*found, (modulus / density, of_solid | {"density": density})]
+        return [*by_strength, (modulus / density, of_solid | {"density": density})]
 
     def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
         """Variation of moduli, density and strength relative to this model."""
-        found = _solid_beside(self, {name: value for name, value in values.items() if name not in self._strength})
+        variation = _solid_beside(self, {name: value for name, value in values.items() if name not in self._strength})
         over = {name: values[name] / value for name, value in self._strength.items() if name in values}
         if self.softening is None:
-            return replace(found, strength=next(iter(over.values()), None))
-        return replace(found, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
+            return replace(variation, strength=next(iter(over.values()), None))
+        return replace(variation, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
 
     def of_ratio(self, lame: float) -> Elastic:
         """The same material of unit P modulus, `lame` of which is Lame's constant."""
@@ -500,14 +500,14 @@ class Elastic(LatticeModel):
         offsets, weights = Stencil.family(self.kernel, spacing, dim)
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.material == "correspondence":
-            found = correspondence_states(offsets, weights, lame, shear, self.stabilisation)
-            found = replace(found, released=energy_of_bonds(found))
+            states = correspondence_states(offsets, weights, lame, shear, self.stabilisation)
+            states = replace(states, released=energy_of_bonds(states))
         else:
             bonds = _springs(self.kernel, offsets, weights, shear)[1]
-            found = dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)
+            states = dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)
         if not self.contact:
-            return found
-        return replace(found, closed=stencil_of(_springs(self.kernel, offsets, weights, 1 / 3)).weights)
+            return states
+        return replace(states, closed=stencil_of(_springs(self.kernel, offsets, weights, 1 / 3)).weights)
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Stencil for unit P modulus."""
@@ -528,21 +528,21 @@ class Elastic(LatticeModel):
                 remedy="leave it out",
             )
         if isinstance(self.kernel, Stencil):
-            found = super().stencil(spacing, dim)
-            if found.components == 1:
-                raise InputError("elasticity needs a stencil of matrices", value=str(found), key="model.kernel")
-            return found
+            given = super().stencil(spacing, dim)
+            if given.components == 1:
+                raise InputError("elasticity needs a stencil of matrices", value=str(given), key="model.kernel")
+            return given
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.kernel is None:
             return stencil_of(finite_element(lame, shear, dim))
         offsets, weights = Stencil.family(self.kernel, spacing, dim)
         if self.material == "correspondence":
-            made = correspondence(offsets, weights, lame, shear, self.stabilisation)
+            table = correspondence(offsets, weights, lame, shear, self.stabilisation)
         else:
-            made = _springs(self.kernel, offsets, weights, shear)
+            table = _springs(self.kernel, offsets, weights, shear)
             if self.material == "state-based":
-                made = sum_of(made, dilatation(offsets, weights, lame - shear, self.kernel.calibrate))
-        return stable_solid(stencil_of(made))
+                table = sum_of(table, dilatation(offsets, weights, lame - shear, self.kernel.calibrate))
+        return stable_solid(stencil_of(table))
 
 
 def _check_kernel(kernel: Kernel | Stencil | None, material: str) -> None:
@@ -557,8 +557,8 @@ def _check_kernel(kernel: Kernel | Stencil | None, material: str) -> None:
 
 
 def _checked_stabilisation(strength: float, material: str) -> float:
-    found = kinds.number(strength, "model.stabilisation", least=0, most=1)
-    if found and material != "correspondence":
+    checked = kinds.number(strength, "model.stabilisation", least=0, most=1)
+    if checked and material != "correspondence":
         raise InputError(
             "stabilisation is for correspondence materials",
             value=material,
@@ -566,7 +566,7 @@ def _checked_stabilisation(strength: float, material: str) -> float:
             key="model.stabilisation",
             remedy="leave it out",
         )
-    return found
+    return checked
 
 
 def _springs(kernel: Kernel | Stencil | None, offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
@@ -588,15 +588,15 @@ def _solid_beside(model: Elastic, values: Mapping[str, np.ndarray]) -> Variation
         return Variation()
     solids = _moduli(model, values)
     modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", model.density))
-    found = Variation(modulus / model.p_modulus, density / model.density)
+    variation = Variation(modulus / model.p_modulus, density / model.density)
     if model.bonds or set(values) <= {"density"}:
-        return found
-    lame, shear = np.array([np.broadcast_to(one, modulus.shape) for one in (solids.lame, solids.shear)])
-    found = replace(found, lame=np.stack([lame, shear]))
+        return variation
+    lame, shear = np.array([np.broadcast_to(constant, modulus.shape) for constant in (solids.lame, solids.shear)])
+    variation = replace(variation, lame=np.stack([lame, shear]))
     lame, shear = lame / model.p_modulus, shear / model.p_modulus
     if model.material == "state-based":
         moduli = np.stack([lame - shear, 0 * shear, 0 * shear])
-        return replace(found, moduli=moduli, springs=shear * model.p_modulus / model.shear)
-    whole = modulus / model.p_modulus
-    moduli = np.stack([lame, shear, model.stabilisation * whole])
-    return replace(found, moduli=moduli, springs=whole if model.stabilisation else None)
+        return replace(variation, moduli=moduli, springs=shear * model.p_modulus / model.shear)
+    relative = modulus / model.p_modulus
+    moduli = np.stack([lame, shear, model.stabilisation * relative])
+    return replace(variation, moduli=moduli, springs=relative if model.stabilisation else None)

@@ -115,34 +115,22 @@ class Heat(LatticeModel):
 
 
 def self_weight(kernel: Kernel, spacing: float, dim: int, self_term: str = "centre") -> float:
-    """Return what the integral over a node's own cell adds to the weight of each nearest neighbour.
+    """What the integral over a node's own cell adds to the weight of each nearest neighbour, dimensionless, for unit
+    conductivity; the influence function is evaluated at the "centre" or a "neighbour".
 
     In the cell ``T' - T`` is the second derivative times half the squared distance, so that the cell adds ``c w(0) / 2
-    integral of x^2 r^-p`` to the second moment along each axis; a weight on the nearest neighbours adds itself.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    dim : {1, 2, 3}
-    self_term : {"centre", "neighbour"}
-        Where the influence function is evaluated.
-
-    Returns
-    -------
-    float
-        Dimensionless, for unit conductivity. In 1D with exponent 2, ``k(0) dx / (2 dx^2)`` times dx^2 (Bobaru and
-        Duangpanya 2010, eq 18).
+    integral of x^2 r^-p`` to the second moment along each axis; a weight on the nearest neighbours adds itself. In 1D
+    with exponent 2, it is ``k(0) dx / (2 dx^2)`` times dx^2 (Bobaru and Duangpanya 2010, eq 18).
     """
     influence = float(kernel.influence_at(np.array(0.0 if self_term == "centre" else spacing)))
     # Integral of r^(2 - p) over the unit cube, divided into pyramids from the centre to its faces; each axis has a
     # share of 1 / dim.
     points, gauss = np.polynomial.legendre.leggauss(24)
     grids = np.meshgrid(*[points] * (dim - 1), indexing="ij")
-    share = np.ones(())
+    product = np.ones(())
     for _ in range(dim - 1):
-        share = np.multiply.outer(share, gauss)
+        product = np.multiply.outer(product, gauss)
     power = 2 - kernel.exponent
-    face = float((share * (1 + sum((g**2 for g in grids), np.zeros(()))) ** (power / 2)).sum())
+    face = float((product * (1 + sum((g**2 for g in grids), np.zeros(()))) ** (power / 2)).sum())
     moment = 2 * dim * 0.5 ** (dim + power) / (dim + power) * face / dim
     return 0.5 * kernel.scaling_constant(dim) * spacing ** (dim + power) * influence * moment

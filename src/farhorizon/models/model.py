@@ -179,20 +179,20 @@ class LatticeModel:
         if missing:
             words = f"the model {cls.__name__} has no {' and no '.join(missing)}"
             raise InputError(words, remedy="set them in __init__")
-        for name, one in inspect.signature(cls.__init__).parameters.items():
-            if name in _TAKEN or one.kind not in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY):
+        for name, parameter in inspect.signature(cls.__init__).parameters.items():
+            if name in _TAKEN or parameter.kind not in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
                 raise InputError(
                     f"the model {cls.__name__} has a parameter that a case file cannot give by its name",
-                    value=str(one),
+                    value=str(parameter),
                     remedy="give it another name" if name in _TAKEN else "name each parameter",
                 )
         cls.tag = kinds.hyphened(cls.__name__)
         mine = f"{cls.__module__}.{cls.__name__}"
-        tags = {f"{one.__module__}.{one.__name__}": one.tag for one in LatticeModel.known.values()}
-        for other, tag in tags.items():
-            if tag == cls.tag and other != mine:
+        tags = {f"{model.__module__}.{model.__name__}": model.tag for model in LatticeModel.known.values()}
+        for name, tag in tags.items():
+            if tag == cls.tag and name != mine:
                 words = f"there is a model {tag!r} already"
-                raise InputError(words, value=other, remedy="give yours another name")
+                raise InputError(words, value=name, remedy="give yours another name")
         LatticeModel.known[cls.__name__] = cls
         if "__init__" in vars(cls):
             setattr(cls, "__init__", _named(cls.__init__))  # noqa: B010 (mypy lets nobody assign to it)
@@ -270,8 +270,8 @@ class LatticeModel:
     def with_constants(self, constants: Mapping[str, Any]) -> Self:
         """The same model with other values of the constants in `varying`."""
         model = copy.copy(self)
-        kept = {name: getattr(self, name) for name in self.constants}
-        model._set(**kept | {name: value for name, value in constants.items() if name not in self.follows})
+        present = {name: getattr(self, name) for name in self.constants}
+        model._set(**present | {name: value for name, value in constants.items() if name not in self.follows})
         return model
 
     def _set(self, **constants: Any) -> None:
@@ -335,9 +335,9 @@ class LatticeModel:
 
     def _at_nodes(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """All `constants` at the nodes, given those that vary."""
-        own = {name: getattr(self, name) for name in self.constants} | self._at_background
-        found = np.broadcast_arrays(*(values.get(name, own[name]) for name in self.constants))
-        return dict(zip(self.constants, found, strict=True))
+        constants = {name: getattr(self, name) for name in self.constants} | self._at_background
+        at_nodes = np.broadcast_arrays(*(values.get(name, constants[name]) for name in self.constants))
+        return dict(zip(self.constants, at_nodes, strict=True))
 
     def of_ratio(self, lame: float) -> LatticeModel:
         """The same solid with another ratio of Lame's constant to the P modulus; for other models the model itself."""
@@ -483,12 +483,8 @@ INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4(), "r
 
 
 def first_order(integrator: str | Integrator) -> Integrator:
-    """Return the integrator with a given name, or a given integrator for equations of first order.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown, or the integrator is for waves.
+    """The integrator with a given name, or a given integrator for equations of first order; an InputError for
+    another.
     """
     if isinstance(integrator, Euler | RungeKutta4 | RungeKuttaChebyshev):
         return integrator
@@ -496,13 +492,8 @@ def first_order(integrator: str | Integrator) -> Integrator:
 
 
 def material_constant(value: Any, key: str, positive: bool = True, follows: bool = False) -> Any:
-    """Return a constant of a material: a number, positive or not, or, unchanged, anything that gives its values at the
-    nodes, or if it may follow the field, an `OfField`.
-
-    Raises
-    ------
-    InputError
-        If a number is not positive, or the value is none of these.
+    """A constant of a material: a number, positive or not, or, unchanged, anything that gives its values at the nodes,
+    or if it may follow the field, an `OfField`; an InputError for anything else.
     """
     if follows and names_field(value):
         return OfField(value)
@@ -532,17 +523,17 @@ def _instead_of_none(key: str) -> str:
 
 def _named(init: Callable[..., None]) -> Callable[..., None]:
     """Wrap the ``__init__`` of a model so that it refuses arguments of other names with a helpful message."""
-    known = [name for name in inspect.signature(init).parameters if name != "self"]
+    parameters = [name for name in inspect.signature(init).parameters if name != "self"]
 
     @functools.wraps(init)
     def checked(self: LatticeModel, *given: Any, **named: Any) -> None:
         for name, value in named.items():
-            if name not in known:
-                near = suggestion(name, known).partition("known")[0].strip()
+            if name not in parameters:
+                near = suggestion(name, parameters).partition("known")[0].strip()
                 raise InputError(
                     f"{type(self).__name__} has no such argument",
                     value=kinds.said(value),
-                    limit=", ".join(known),
+                    limit=", ".join(parameters),
                     key=f"model.{name}",
                     remedy=self.others.get(name) or near or "leave it out",
                 )

@@ -20,9 +20,9 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.pickling import packed
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
-from farhorizon.simulation.recorders.nodal_stress import shown_fields
-from farhorizon.simulation.recorders.probes import Probes
+from farhorizon.simulation.recorders.quantities import shown_fields
 from farhorizon.simulation.recorders.recorder import Observer, Recorder
+from farhorizon.simulation.recorders.recording import Probes
 from farhorizon.simulation.time.checkpoint import arguments_in
 from farhorizon.simulation.time.outer_loop import check_ahead, checked_end, run_to_step, warn_once
 from farhorizon.simulation.time.output import RunResults, outlines_of, written

@@ -14,7 +14,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium
+from farhorizon.analysis.layers.chain_modes import ArrivingWave, LatticeMedium
 from farhorizon.boundaries import Higdon, Periodic, PlaneWave
 from farhorizon.checks.certificate import CERTIFIED, Certificate
 from farhorizon.checks.facts import options_shown

@@ -1,4 +1,8 @@
-"""Reflection of plane waves: the exact half-infinite problem against closed forms, energy, and time-domain runs."""
+"""Reflection of plane waves: the exact half-infinite problem against closed forms, energy and time-domain runs, and
+the equations of a lattice PML itself against the engine's complete map.
+"""
+
+import os
 
 import numpy as np
 import pytest
@@ -6,8 +10,9 @@ from scipy import optimize
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.reflection import Chain, chain_weights, factor_of_wave
-from farhorizon.checks.side_modes import Strip
+from farhorizon.analysis.layers.chain_modes import LatticeMedium, chain_modes, chain_weights, factor_of_wave
+from farhorizon.analysis.layers.reflection import LayerSide, continuations, layer_amplitudes
+from farhorizon.checks.side_modes import Strip, pinned
 from farhorizon.medium.integrators import Verlet
 from farhorizon.studies.compare import compare
 
@@ -71,12 +76,12 @@ def test_modes_solve_the_equation_and_are_sorted_by_where_they_go():
         weights = chain_weights(stencil, [along])
         factor = factor_of_wave(-float(stencil.symbol(0.5, along)), recursion)
         assert abs(factor) == pytest.approx(1.0, abs=1e-14) and factor.imag < 0
-        modes = Chain.of(weights, factor, recursion).modes(np.exp(0.5j))
+        modes = chain_modes(weights, factor, recursion, np.exp(0.5j))
         assert modes.incoming == pytest.approx(np.exp(0.5j)) and len(modes.leaving) == 3
         powers = np.arange(-3, 4)
         for zeta in (modes.incoming, *modes.leaving):
             assert (weights * zeta**powers).sum() == pytest.approx(recursion.eigenvalue(np.array(factor)), abs=1e-10)
-        grown = Chain.of(weights, factor * (1 + 1e-4), recursion).modes(np.exp(0.5j))
+        grown = chain_modes(weights, factor * (1 + 1e-4), recursion, np.exp(0.5j))
         assert abs(grown.incoming) < 1 and (np.abs(grown.leaving) > 1).all()
 
 
@@ -89,7 +94,7 @@ def test_a_backward_wave_comes_with_its_phase_running_away():
     number = 2 * np.pi / 3.5
     assert stencil.symbol_gradient(0, number) < 0
     factor = factor_of_wave(-float(stencil.symbol(number)), recursion)
-    modes = Chain.of(chain_weights(stencil, []), factor, recursion).modes(np.exp(1j * number))
+    modes = chain_modes(chain_weights(stencil, []), factor, recursion, np.exp(1j * number))
     assert modes.incoming == pytest.approx(np.exp(-1j * number))
 
 
@@ -104,8 +109,8 @@ def test_a_wave_is_told_from_one_at_right_angles_to_it(detuned):
     values, vectors = np.linalg.eigh(stencil.symbol(number, along, 0.0))
     for value, vector in zip(values, vectors.T, strict=True):
         factor = factor_of_wave(-float(value), recursion)
-        chain = Chain.of(chain_weights(stencil, [along, 0.0]), factor, recursion)
-        modes = chain.modes(np.exp(1j * number * detuned), vector)
+        weights = chain_weights(stencil, [along, 0.0])
+        modes = chain_modes(weights, factor, recursion, np.exp(1j * number * detuned), vector)
         assert modes.incoming == pytest.approx(np.exp(1j * number), abs=1e-9)
         assert abs(np.vdot(modes.vector, vector)) == pytest.approx(1.0, abs=1e-9)
 
@@ -324,3 +329,186 @@ def test_what_comes_back_from_a_corner(nodes):
         < max(curve["error_rel_initial"])
         <= abs(strip(model, fh.LatticePML(nodes=nodes)).reflection(wavelength, 45.0))
     )
+
+
+SCALAR = [(1, fh.Kernel(3.0, 0)), (2, fh.Kernel(3.0, 1)), (2, fh.Stencil.finite_element(2)), (3, fh.Kernel(2.0))]
+VECTORS = [
+    (2, fh.Elastic(fh.Kernel(3.0, 1), young=1.0)),
+    (2, fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based")),
+    (2, fh.Elastic(young=1.0, poisson=0.3, material="finite-element")),
+    # the waves themselves are damped
+    (2, fh.Elastic(fh.Kernel(1.5, 0, "gaussian", volume="full"), young=1.0, poisson=0.25, material="correspondence")),
+    (3, fh.Elastic(fh.Kernel(1.0, 1), young=1.0)),
+]
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("dim, model", [(dim, fh.Wave(operator, damping=0.01)) for dim, operator in SCALAR] + VECTORS)
+def test_the_layers_equations_are_what_the_engine_steps(dim, model):
+    """Reflections between all types of waves, with damped short waves included."""
+    reach = max(model.stencil(1.0, dim).reach)
+    lattice = fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 2,) * dim)
+    sim = fh.Simulation(lattice, model, boundary=fh.LatticePML(nodes=9))
+    layer = sim.engine.layers[3 - dim, 1]
+    assert layer.damping.max() > 0
+    strip = Strip(sim, 0, 2 * reach + 2, (fh.Fixed(), pinned(sim)[0, 1]))
+    side = LayerSide(strip.medium, layer)
+    for wavelength, angle in ((9.0, 0.0), (14.0, 35.0), (40.0, 75.0)):
+        if dim == 1 and angle:
+            continue
+        for incoming in side.types:
+            given, azimuth = (wavelength, angle), 30.0 if dim == 3 else 0.0
+            expected = strip.reflections(*given, azimuth, incoming=incoming)
+            found = side.reflections(*given, azimuth, incoming=incoming)
+            assert found.keys() == expected.keys()
+            assert all(abs(found[k] - expected[k]) <= 1e-6 * abs(expected[k]) + 1e-12 for k in expected), (
+                incoming,
+                found,
+                expected,
+            )
+
+
+@pytest.mark.parametrize("dim, reach", [(1, 1), (1, 3), (2, 2)])
+def test_what_comes_back_of_a_diffusion_wave(dim, reach):
+    """A source of one frequency in front of a layer: the engine's operator with the layer against the infinite lattice
+    by FFT.
+    """
+    # nodes from the source and from the probe to the side, and of a ring so long that nothing travels around it
+    place, inside, count = 30, 12, 4096
+    lattice = fh.Lattice(1.0, (0.0,) * dim, (79.0,) * dim)
+    sim = fh.Simulation(
+        lattice, fh.Diffusion(fh.Kernel(float(reach)), integrator="euler"), boundary=fh.LatticePML(nodes=8)
+    )
+    strip = Strip(sim, 0, 80)
+    side = LayerSide(
+        LatticeMedium(sim.stencil, 1.0, 1.0, Recursion(0.0, sim.dt, 1.0), sim.dt),
+        sim.engine.layers[3 - dim, 1],
+        diffusive=True,
+    )
+    nodes = strip.near[0]
+    distance = np.abs(np.arange(len(nodes)) - (len(nodes) - 1 - place))
+    for wavelength, angle in ((40.0, 0.0), (60.0, 45.0), (60.0, 75.0)):
+        if dim == 1 and angle:
+            continue
+        wave = side.medium.diffusion_wave(wavelength, angle)
+        source = np.zeros(strip.size)
+        source[nodes[-1 - place]] = 1
+        change = (strip.matrix(*wave.along) - np.eye(strip.size)) / sim.dt
+        field = np.linalg.solve(wave.eigenvalue * np.eye(strip.size) - change, source)[nodes]
+        around = 2 * np.pi * np.arange(count) / count
+        endless = np.fft.ifft(
+            1 / (wave.eigenvalue + sim.stencil.symbol(around, *[np.full(count, a) for a in wave.along]))
+        )
+        expected = endless[distance]
+        found = side.reflections(wavelength, angle)[""]
+        # where modes that are short-lived at the face have died out
+        back, away = (field - expected)[-1 - inside], wave.modes.incoming**inside
+        assert found * away == pytest.approx(back / expected[-1], rel=1e-4)
+        assert 1e-9 < abs(found) < 1
+
+
+def test_a_frequency_is_a_wavelength():
+    """Long waves on the lattice: omega = 2 D k^2, and at 45 degrees b^2 = omega cos / 2 D and a = b / cos, so that (a
+    + i b)^2 = q^2 + i omega / D.
+    """
+    medium = LatticeMedium(fh.Stencil.finite_difference(2), 3.0, 0.5, Recursion(0.0, 1e-3, 1.0), 1e-3)
+    wave = medium.diffusion_wave(2000.0, 45.0)
+    number = 2 * np.pi / 2000.0
+    assert wave.eigenvalue == pytest.approx(2j * 3.0 * (number / 0.5) ** 2, rel=1e-12)
+    decay = -np.log(wave.modes.incoming)
+    assert decay**2 == pytest.approx(wave.along[0] ** 2 + wave.eigenvalue / 12.0, rel=1e-5)
+    assert decay.real > 0 and decay.imag == pytest.approx(wave.along[0], rel=1e-5)
+
+
+def test_prediction_and_run_of_a_diffusive_layer():
+    """The error against the infinite lattice, relative to the current maximum, is of the order of the prediction for
+    the period of the run, and not above it.
+    """
+    half = 20.0
+    for nodes in (8, 12):
+        setup = {
+            "lattice": fh.Lattice(1.0, (-half,), (half,)),
+            "model": fh.Diffusion(fh.Kernel(2.0)),
+            "boundary": fh.LatticePML(nodes=nodes),
+            "initial": {"u": lambda x: np.exp(-(x**2) / 9)},
+        }
+        until = 10 * half**2
+        report = fh.Simulation(**setup).check(until, budget=0.0)
+        (found,) = report.reflections
+        predicted = found.tables[2 * np.sqrt(np.pi * until)][0, 0]  # the diffusion wave whose period is the run
+        error = next(iter(compare(setup, until, [until], beside=False).curves.values()))["error_rel_current"][-1]
+        assert predicted / 10 < error < predicted
+        assert "diffusion waves" in report.details
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("dim, reach, exponent", [(1, 3, 0), (2, 1, 2), (2, 3, 2), (2, 4, 1), (3, 2, 2)])
+def test_reflection_is_what_the_half_infinite_problem_gives(dim, reach, exponent):
+    """Amplitudes of the travelling modes, against the engine's own map with all evanescent modes."""
+    profile = {"kappa": np.linspace(1, 3, 9), "sigma": 0.9 * np.linspace(0.05, 1, 9), "alpha": 0.02}
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 2,) * dim),
+        fh.Wave(fh.Kernel(float(reach), exponent), damping=0.01),
+        boundary=fh.LatticePML(nodes=8, profile=profile),
+    )
+    strip = Strip(sim, 0, 2 * reach + 2, (fh.Fixed(), pinned(sim)[0, 1]))
+    layer = next(iter(sim.engine.layers.values()))
+    for wavelength, angle in ((7.0, 0.0), (11.0, 40.0), (30.0, 70.0)):
+        wave = strip.medium.plane_wave(wavelength, angle if dim > 1 else 0.0)
+        found = np.linalg.norm(layer_amplitudes(wave, layer)[wave.modes.travels])
+        assert found == pytest.approx(abs(strip.reflection(wavelength, angle if dim > 1 else 0.0)), rel=1e-6, abs=1e-13)
+
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+
+
+@pytest.fixture
+def random():
+    print(f"seed {SEED}")
+    return np.random.default_rng(SEED)
+
+
+def complex_numbers(random, *shape):
+    return random.normal(size=shape) + 1j * random.normal(size=shape)
+
+
+def test_a_layer_without_stretch_continues_the_lattice():
+    """Unstretched edges are transparent: continued by k nodes, the field of a column is that of the k-th column from
+    it.
+    """
+    columns, reach = 5, 3
+    near = 1 + np.arange(reach + 1)  # the nodes 0, -1 .. -reach
+    field = 11.0 + np.arange(columns)  # the columns 1 .. L
+    for k, (inwards, outwards) in enumerate(continuations(np.ones(columns + 1, complex), reach), 1):
+        line = np.concatenate([near[:1], field, np.zeros(k)])
+        np.testing.assert_array_equal(inwards @ line[: columns + 1], line[k : columns + 1 + k])
+        line = np.concatenate([near[::-1], field])
+        np.testing.assert_array_equal(
+            outwards @ np.concatenate([field, near]), line[reach + 1 - k : reach + 1 - k + columns]
+        )
+
+
+def test_continued_fields_obey_the_recursion_over_each_edge(random):
+    """``(1 - g) U(p+1, k+1) + (1 + g) U(p+1, k) = (1 + g) U(p, k+1) + (1 - g) U(p, k)``, inwards from k = 0, and
+    outwards towards it.
+    """
+    columns, reach = 4, 3
+    g = 2 + complex_numbers(random, columns + 1)
+    matrices = list(continuations(g, reach))
+    field, near = complex_numbers(random, columns + 1), complex_numbers(random, reach + 1)
+    inside = np.array([field, *(inwards @ field for inwards, _ in matrices)])
+    inside = np.pad(inside, ((0, 0), (0, 1)))  # nothing beyond the last column
+    unknowns = np.concatenate([field[1:], near])
+    outside = np.array([field[1:], *(outwards @ unknowns for _, outwards in matrices)])
+    outside = np.concatenate([near[:, None], outside], axis=1)
+    for p in range(columns + 1):
+        for k in range(reach):
+            u, v = inside[:, p], inside[:, p + 1]
+            assert (1 - g[p]) * v[k + 1] + (1 + g[p]) * v[k] == pytest.approx(
+                (1 + g[p]) * u[k + 1] + (1 - g[p]) * u[k], rel=1e-9, abs=1e-9
+            )
+            if p < columns:  # the same, k + 1 nodes outwards
+                u, v = outside[:, p], outside[:, p + 1]
+                assert (1 - g[p]) * v[k] + (1 + g[p]) * v[k + 1] == pytest.approx(
+                    (1 + g[p]) * u[k] + (1 - g[p]) * u[k + 1], rel=1e-9, abs=1e-9
+                )

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import erf
 
 import farhorizon as fh
-from farhorizon.simulation.recorders.nodal_stress import nodal_stress
+from farhorizon.simulation.recorders.quantities import nodal_stress
 
 BONDS = fh.Kernel(2.0, exponent=1)
 MATERIALS = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.recorders.nodal_stress import fields_of, nodal_stress, von_mises
+from farhorizon.simulation.recorders.quantities import fields_of, nodal_stress, von_mises
 
 E, NU = 3.0, 0.25  # bond-based in plane strain and in space
 LAME = MU = E / (2 * (1 + NU))  # Lame's constants are the same for this ratio

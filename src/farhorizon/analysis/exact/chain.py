@@ -35,35 +35,23 @@ _OVERSAMPLING = 16
 
 @dataclass(frozen=True)
 class Recursion:
-    """A scheme in increments: ``d <- keep d + scale (A u - reaction u), u <- u + d``.
+    """A scheme in increments: ``d <- keep d + scale (A u - reaction u), u <- u + d``."""
 
-    Attributes
-    ----------
-    keep : float
-        Part of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for
-        forward Euler.
-    scale : float
-        Factor of the operator: dt^2/(1 + d dt), or dt.
-    first : float
-        Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``,
-        that is, (1 + d dt)/2 of a later one for a start at rest; 1 for forward Euler.
-    reaction : float
-        Reaction of a chain if A contains only its bonds; 0 if A is the whole operator.
-    """
-
+    #: Part of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for
+    #: forward Euler.
     keep: float
+    #: Factor of the operator: dt^2/(1 + d dt), or dt.
     scale: float
+    #: Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``,
+    #: that is, (1 + d dt)/2 of a later one for a start at rest; 1 for forward Euler.
     first: float
+    #: Reaction of a chain if A contains only its bonds; 0 if A is the whole operator.
     reaction: float = 0.0
 
     @classmethod
     def of(cls, integrator: Integrator, dt: float, damping: float = 0.0, reaction: float = 0.0) -> Recursion:
-        """The recursion of an integrator.
-
-        Raises
-        ------
-        InputError
-            The scheme has several stages, of which the inner ones would need ghosts of their own.
+        """The recursion of an integrator; an InputError for schemes of several stages, the inner ones of which would
+        need ghosts of their own.
         """
         numbers = integrator.stages(dt, damping, True).numbers
         if len(numbers) > 1:
@@ -91,20 +79,15 @@ def half_weights(stencil: Stencil, rate: float = 1.0, side: int = -1) -> np.ndar
     """Weights a_1 .. a_K of a one-dimensional stencil times `rate` (``coefficient / spacing^2``), zeros where it has
     gaps; for a stencil that drifts those towards the near field and away from it, shape (2, K), beyond its end at
     `side` (-1 or 1).
-
-    Raises
-    ------
-    InputError
-        The stencil has more dimensions.
     """
     if stencil.dim != 1:
         raise InputError(
             "the exact boundary is for one dimension", value=f"{stencil.dim} dimensions", remedy="LatticePML"
         )
     weights = np.zeros((2, stencil.reach[0]))
-    for row, direction in zip(weights, (-side, side), strict=True):
+    for half, direction in zip(weights, (-side, side), strict=True):
         ahead = direction * stencil.offsets[:, 0] > 0
-        row[direction * stencil.offsets[ahead, 0] - 1] = rate * stencil.weights[ahead]
+        half[direction * stencil.offsets[ahead, 0] - 1] = rate * stencil.weights[ahead]
     return weights if stencil.drifting else weights[0]
 
 
@@ -155,24 +138,14 @@ def fronts(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
     rate = np.log(np.maximum(recursion.growth(-symbol(weights, angle)).max(0), 1.0))
     count = np.arange(steps + 1)
     bound = reach * count.astype(float)  # a step carries no farther than the stencil reaches
-    for grown, thickness in zip(rate, theta, strict=True):
-        np.minimum(bound, (count * grown + _ROUNDING) / thickness, out=bound)
+    for growth, decay in zip(rate, theta, strict=True):
+        np.minimum(bound, (count * growth + _ROUNDING) / decay, out=bound)
     return np.ceil(bound).astype(np.int64) + reach
 
 
 def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
-    """Ghost kernel F by running the scheme on a chain so long that nothing returns from its end.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,) or (2, K)
-        a_1 .. a_K, 1/time^2 for waves, 1/time for diffusion.
-    recursion : Recursion
-    steps : int
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, K, K)
+    """Ghost kernel F, shape (steps + 1, K, K), by running the scheme on a chain so long that nothing returns from its
+    end; for weights a_1 .. a_K, shape (K,) or (2, K), in 1/time^2 for waves, 1/time for diffusion.
     """
     from farhorizon.engine.chain_loops import chain_responses  # late: Numba is slow to import
 
@@ -182,41 +155,28 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
 
 def _window(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
     """Number of nodes from which an impulse at step 0 can return to the drivers by the last step, at each step."""
-    back = fronts(both_ways(weights)[::-1] if weights.ndim > 1 else weights, recursion, steps)
-    return np.minimum(fronts(weights, recursion, steps) if weights.ndim > 1 else back, back[::-1])
+    returns = fronts(both_ways(weights)[::-1] if weights.ndim > 1 else weights, recursion, steps)
+    return np.minimum(fronts(weights, recursion, steps) if weights.ndim > 1 else returns, returns[::-1])
 
 
 def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
-    """Ratio of ghosts to drivers for the eigenvalue sigma, which is the transform of F at sigma, by cyclic reduction.
+    """Ratio of ghosts to drivers, (n, K, K), for eigenvalues sigma (n,), which is the transform of F at sigma, by
+    cyclic reduction; an InputError for a point so close to the cut, the negative eigenvalues of A, that it does not
+    converge.
 
     K nodes form a block; each iteration removes every other block (Lopez Sancho, Lopez Sancho and Rubio, J. Phys. F 15
     (1985) 851).
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-    eigenvalue : ndarray of complex, shape (n,)
-        Not on the cut, the negative eigenvalues of A.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, K, K)
-
-    Raises
-    ------
-    InputError
-        A point is so close to the cut that the reduction does not converge.
     """
     reach = weights.size
-    full = np.concatenate([weights[::-1], [-2 * weights.sum()], weights, np.zeros(reach)])
+    row = np.concatenate([weights[::-1], [-2 * weights.sum()], weights, np.zeros(reach)])
     distance = np.subtract.outer(np.arange(reach), np.arange(reach))
-    inner, toward = full[reach + distance], np.triu(full[np.minimum(2 * reach + distance, full.size - 1)])
-    out = np.empty((eigenvalue.size, reach, reach), complex)
+    inner, toward = row[reach + distance], np.triu(row[np.minimum(2 * reach + distance, row.size - 1)])
+    response = np.empty((eigenvalue.size, reach, reach), complex)
     block = max(1, 200_000 // reach**2)
     for start in range(0, eigenvalue.size, block):
         part = slice(start, min(start + block, eigenvalue.size))
-        out[part] = _reduce(eigenvalue[part], inner, toward)
-    return out
+        response[part] = _reduce(eigenvalue[part], inner, toward)
+    return response
 
 
 def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np.ndarray:
@@ -257,21 +217,12 @@ def largest_angle(weights: np.ndarray, recursion: Recursion) -> float:
 def transform_kernel(
     weights: np.ndarray, recursion: Recursion, steps: int, oversampling: int = _OVERSAMPLING
 ) -> np.ndarray:
-    """Ghost kernel F by inversion of its z-transform on a circle; the cost grows like steps log steps.
+    """Ghost kernel F, as `run_kernel`, by inversion of its z-transform on a circle; the cost grows like steps log
+    steps.
 
     Only the part of the circle near the spectrum needs fine sampling. The rest is a smooth function, separated by a
     window that is smooth to rounding, and coarse sampling gives its transform, which has decayed after a few steps.
-
-    Parameters
-    ----------
-    weights, recursion, steps
-        As in `run_kernel`.
-    oversampling : int
-        Points on the circle per step. More points allow a radius closer to 1, which amplifies rounding less.
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, K, K)
+    With more points on the circle per step (`oversampling`) its radius is closer to 1, which amplifies rounding less.
     """
     count = fft.next_fast_len(oversampling * (steps + 1), real=True)
     radius = 10.0 ** (15 / count)  # wrap-around is damped to 1e-15
@@ -284,31 +235,30 @@ def transform_kernel(
         angle = 2 * np.pi * np.arange(points // 2 + 1) / points
         return angle, special.erfc(6 * (angle / width - 2.5)) / 2 if split else np.ones(angle.size)
 
-    out = np.zeros((steps + 1, weights.size, weights.size))
-    for points, rest in ((count, False), (coarse, True)) if split else ((count, False),):
+    kernel = np.zeros((steps + 1, weights.size, weights.size))
+    for points, coarse_part in ((count, False), (coarse, True)) if split else ((count, False),):
         angle, window = inside(points)
-        window = 1 - window if rest else window
+        window = 1 - window if coarse_part else window
         used = np.flatnonzero(window > 1e-17)
         part = window[used, None, None] * surface_response(
             weights, recursion.eigenvalue(radius * np.exp(1j * angle[used]))
         )
-        kept = min(steps + 1, points // 2)  # the other half is negative times, where the two parts cancel
-        scale = radius ** np.arange(float(kept))
+        known = min(steps + 1, points // 2)  # the other half is negative times, where the two parts cancel
+        scale = radius ** np.arange(float(known))
         for i in range(weights.size):
             for j in range(weights.size):
                 spectrum = np.zeros(points // 2 + 1, complex)
                 spectrum[used] = part[:, i, j]
-                out[:kept, i, j] += fft.irfft(spectrum, points)[:kept] * scale
-    out[0] = 0
-    return out
+                kernel[:known, i, j] += fft.irfft(spectrum, points)[:known] * scale
+    kernel[0] = 0
+    return kernel
 
 
 def ghost_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
-    """Ghost kernel F from a run of the chain, or from the transform where the chain takes more than a few seconds and
-    twice as long.
+    """Ghost kernel F, as `run_kernel`, from a run of the chain, or from the transform where the chain takes more than a
+    few seconds and twice as long.
 
     The chain is preferred because it preserves rigid motions to rounding; the transform serves symmetric bonds only.
-    Parameters and result as in `run_kernel`.
     """
     if weights.ndim > 1:
         return run_kernel(weights, recursion, steps)

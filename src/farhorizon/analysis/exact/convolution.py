@@ -11,28 +11,14 @@ from farhorizon.errors import InputError
 
 
 class BlockConvolution:
-    """``sum over a = 1 .. n of kernel[a] x[n - a]`` while the samples x arrive, at a cost of steps log^2 steps.
+    """``sum over a = 1 .. n of kernel[a] x[n - a]`` for a kernel (steps + 1, K, M) while the samples x arrive, at a
+    cost of steps log^2 steps; with `block` None by the direct sum.
 
     Steps are counted in blocks. Within a block the caller adds the products with the block's own samples, ``kernel[1]
-    .. kernel[block - 1]`` (`head`); the contribution of all earlier blocks is in `past`. At the end of block n the last
-    L blocks of samples, L the largest power of two that divides n, act by FFT on the next L blocks of steps (Hairer,
-    Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps occurs once and nothing
-    is approximated.
-
-    Parameters
-    ----------
-    kernel : ndarray, shape (steps + 1, K, M)
-        Its entry 0 is not used: the scheme is explicit.
-    block : int, optional
-        Steps in a block; None: one block for all steps, which is the direct sum.
-
-    Attributes
-    ----------
-    head : ndarray, shape (block, K, M)
-    past : ndarray, shape (block, K)
-        Contribution of all earlier blocks to each step of the current one.
-    samples : ndarray, shape (block, M)
-        Samples of the current block, written by the caller.
+    .. kernel[block - 1]``, from `head`, shape (block, K, M); the contribution of all earlier blocks is in `past`. At
+    the end of block n the last L blocks of samples, L the largest power of two that divides n, act by FFT on the next L
+    blocks of steps (Hairer, Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps
+    occurs once and nothing is approximated.
     """
 
     def __init__(self, kernel: np.ndarray, block: int | None = 64) -> None:
@@ -72,12 +58,8 @@ class BlockConvolution:
         return self._spectra[length]
 
     def next_block(self) -> None:
-        """Close the current block, all samples of which have been written, and compute `past` for the next one.
-
-        Raises
-        ------
-        InputError
-            The kernel ends here.
+        """Close the current block, all samples of which have been written, and compute `past` for the next one; an
+        InputError where the kernel ends.
         """
         self._number += 1
         end = self._number * self.block
@@ -88,8 +70,8 @@ class BlockConvolution:
         length = (self._number & -self._number) * self.block
         source = fft.rfft(self._history[end - length : end], 2 * length, axis=0)
         result = fft.irfft(np.matmul(self._spectrum(length), source[:, :, None])[:, :, 0], 2 * length, axis=0)[length:]
-        kept = min(length, len(self._force) - end)
-        self._force[end : end + kept] += result[:kept]
+        rows = min(length, len(self._force) - end)
+        self._force[end : end + rows] += result[:rows]
 
     def extended(self, kernel: np.ndarray) -> BlockConvolution:
         """The same history with a kernel of more steps, at the same step of the same block."""

@@ -19,9 +19,9 @@ from scipy import fft
 from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
 
-_NOISE = 1e-14  # eigenvalues of the Hankel matrix below this share of the largest are close to rounding
+_NOISE = 1e-14  # eigenvalues of the Hankel matrix below this part of the largest are close to rounding
 _FIRST_RANK = 64  # number of eigenvectors that are computed first; all of them only where these are insufficient
-_PATIENCE = 8  # orders tried below that share without halving the error
+_PATIENCE = 8  # orders tried below it without halving the error
 
 
 @dataclass(frozen=True)
@@ -31,24 +31,13 @@ class ExponentialSum:
     A run keeps one complex state y_p per mode, zero at the start. With the state y at step n, ``force(y)`` is the
     ghosts' part of the acceleration at step n, and ``advance(y, u, h)`` gives the state at step n + 1 from the drivers'
     values u at step n; h = 1 except at step 0, where it is `chain.Recursion.first`.
-
-    Attributes
-    ----------
-    poles : ndarray of complex, shape (P,)
-        z_p, inside or on the unit circle.
-    inputs, outputs : ndarray of complex, shape (P, K)
-        c_p and b_p.
-    steps : int
-        Number of steps to which the sum was fitted, and for which it holds.
-    error : float
-        `force_error` relative to the kernel.
     """
 
-    poles: np.ndarray
-    inputs: np.ndarray
-    outputs: np.ndarray
-    steps: int
-    error: float
+    poles: np.ndarray  # z_p, inside or on the unit circle, (P,)
+    inputs: np.ndarray  # c_p, (P, K)
+    outputs: np.ndarray  # b_p, (P, K)
+    steps: int  # to which the sum was fitted, and for which it holds
+    error: float  # `force_error` relative to the kernel
 
     @property
     def modes(self) -> int:
@@ -69,17 +58,8 @@ class ExponentialSum:
         return (state @ self.outputs).real
 
     def replay(self, samples: np.ndarray) -> np.ndarray:
-        """States after a history, with which a run continues when its sum is replaced by one of more steps.
-
-        Parameters
-        ----------
-        samples : ndarray, shape (n, K)
-            The drivers' values at steps 0 .. n - 1, the first multiplied by its weight.
-
-        Returns
-        -------
-        ndarray of complex, shape (P,)
-            States at step n.
+        """States at step n, (P,), after a history of the drivers' values at steps 0 .. n - 1, (n, K), the first
+        multiplied by its weight: with these a run continues when its sum is replaced by one of more steps.
         """
         state = np.zeros(self.modes, complex)
         for start in range(0, len(samples), 1024):
@@ -98,10 +78,10 @@ def _powers(poles: np.ndarray, lags: np.ndarray) -> np.ndarray:
 def _sums(poles: np.ndarray, count: int) -> np.ndarray:
     """``sum over a = 1 .. count of poles^a``, shape (P,)."""
     rate = np.log(np.where(poles == 0, 1e-300, poles).astype(complex))
-    still = np.abs(rate) < 1e-12
-    rate = np.where(still, -1.0, rate)
+    constant = np.abs(rate) < 1e-12
+    rate = np.where(constant, -1.0, rate)
     with np.errstate(under="ignore"):
-        return np.where(still, count, poles * np.expm1(count * rate) / np.expm1(rate))
+        return np.where(constant, count, poles * np.expm1(count * rate) / np.expm1(rate))
 
 
 def _hankel_times(spectrum: np.ndarray, columns: np.ndarray, length: int) -> np.ndarray:
@@ -113,9 +93,7 @@ def _hankel_times(spectrum: np.ndarray, columns: np.ndarray, length: int) -> np.
 
 def _hankel_eigenvectors(samples: np.ndarray, rank: int) -> tuple[np.ndarray, np.ndarray]:
     """Largest eigenvalues (in modulus, descending) and eigenvectors of the symmetric block Hankel matrix of samples 1
-    .. 2 n - 1.
-
-    Subspace iteration from a random start (Halko, Martinsson and Tropp, SIAM Review 53 (2011) 217).
+    .. 2 n - 1, by subspace iteration from a random start (Halko, Martinsson and Tropp, SIAM Review 53 (2011) 217).
     """
     n, reach = (len(samples) + 1) // 2, samples.shape[1]
     length = fft.next_fast_len(3 * n, real=True)
@@ -147,7 +125,7 @@ def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: 
     return poles[used], _unit(((vectors[:reach, :order] * root) @ modes[:, used]).T)
 
 
-def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other_vectors: np.ndarray) -> np.ndarray:
     """Vectors b_p (P, K) with the least squared error over time, for given poles and vectors c_p on their other side.
 
     Each of the samples at `lags` has the weight of the lags that it represents. The sum over all lags, the force of a
@@ -156,14 +134,14 @@ def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other:
     weight = np.sqrt(np.gradient(lags.astype(float)))
     modes = (
         np.concatenate([_powers(poles, lags) * weight[:, None], _sums(poles, len(kernel) - 1)[None]])[:, None, :]
-        * other.T
+        * other_vectors.T
     )
     count = poles.size
     matrix = np.concatenate([modes.real, -modes.imag], 2).reshape(-1, 2 * count)
     samples = np.concatenate([kernel[lags] * weight[:, None, None], kernel[1:].sum(0)[None]])
     target = samples.swapaxes(1, 2).reshape(len(matrix), -1)
-    found = np.linalg.lstsq(matrix, target, rcond=1e-15)[0]
-    return found[:count] + 1j * found[count:]
+    vectors = np.linalg.lstsq(matrix, target, rcond=1e-15)[0]
+    return vectors[:count] + 1j * vectors[count:]
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -174,28 +152,18 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 def _fit(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Input and output vectors for all time scales, by three alternating fits that begin with those of the Hankel
-    matrix.
-
-    The kernel is symmetric, so that each fit may take the vectors on one side as known and determine those on the
-    other.
+    matrix: the kernel is symmetric, so that each fit may take the vectors on one side as known and determine those on
+    the other.
     """
     for _ in range(2):
         inputs = _unit(_fit_vectors(kernel, lags, poles, inputs))
     return inputs, _fit_vectors(kernel, lags, poles, inputs)
 
 
-def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | None = None) -> float:
+def force_error(kernel: np.ndarray, approximation: ExponentialSum, lags: np.ndarray | None = None) -> float:
     """Largest error of the force on any driver over all histories within -1 .. 1, relative to the largest such force of
-    the kernel itself.
-
-    It is the sum over lags and drivers of the modulus of the difference.
-
-    Parameters
-    ----------
-    kernel : ndarray, shape (steps + 1, K, K)
-    found : ExponentialSum
-    lags : ndarray of int, optional
-        Lags from which it is estimated, each with the weight of those that it represents; all lags by default.
+    the kernel (steps + 1, K, K) itself: the sum over lags and drivers of the modulus of the difference; from some
+    `lags`, if given, each with the weight of those that it represents.
     """
     all_lags = np.arange(1, len(kernel)) if lags is None else lags
     weight = np.ones(all_lags.size) if lags is None else np.gradient(lags.astype(float))
@@ -203,34 +171,19 @@ def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | No
     for start in range(0, all_lags.size, 4096):
         part = slice(start, start + 4096)
         at = all_lags[part]
-        error += np.tensordot(weight[part], np.abs(found.kernel(at) - kernel[at]), 1)
+        error += np.tensordot(weight[part], np.abs(approximation.kernel(at) - kernel[at]), 1)
         size += np.tensordot(weight[part], np.abs(kernel[at]), 1)
     return float(error.sum(1).max() / size.sum(1).max())
 
 
 @one_blas_thread()
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
-    """The shortest sum of exponentials that meets a tolerance, or the best one if none does (as its `error` shows).
+    """The shortest sum of exponentials of at most `most` modes whose `ExponentialSum.error` meets a tolerance, or the
+    best one if none does; an InputError for a force kernel (`chain.force_form`) that is not symmetric or too short.
 
-    Too few samples do not determine the poles: for a run of less than a hundred steps, compute the kernel for a hundred
-    or more.
-
-    Parameters
-    ----------
-    kernel : ndarray, shape (steps + 1, K, K)
-        Force kernel M (`chain.force_form`).
-    tolerance : float
-        Largest `ExponentialSum.error`, see `force_error`.
-    band : float
-        Largest angle per step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as sparsely
-        as this allows.
-    most : int
-        Largest number of modes.
-
-    Raises
-    ------
-    InputError
-        The kernel is not symmetric or too short, or the tolerance is not positive.
+    `band` is the largest angle per step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as
+    sparsely as this allows. Too few samples do not determine the poles: for a run of less than a hundred steps, compute
+    the kernel for a hundred or more.
     """
     steps = len(kernel) - 1
     if (
@@ -267,9 +220,9 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
     )
     size = np.abs(values) / abs(values[0])
     best: ExponentialSum | None = None
-    better, complete = 0, False  # the last order that halved the error
+    improved_at, complete = 0, False  # the last order that halved the error
     for order in range(min(max(2, int((size > 100 * tolerance).sum())), len(values)), len(values) + 1):
-        complete = best is not None and bool(size[order - 1] < _NOISE) and order > better + _PATIENCE
+        complete = best is not None and bool(size[order - 1] < _NOISE) and order > improved_at + _PATIENCE
         if complete:
             break
         poles, inputs = _poles(samples, values, vectors, order)
@@ -277,15 +230,15 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
         # poles that would grow are moved onto the unit circle before the vectors are fitted
         poles = poles / np.maximum(np.abs(poles), 1.0)
         inputs, outputs = _fit(kernel, lags, poles, inputs)
-        found = ExponentialSum(poles, inputs, outputs, steps, np.inf)
-        error = force_error(kernel, found, lags)
+        sum_of_order = ExponentialSum(poles, inputs, outputs, steps, np.inf)
+        error = force_error(kernel, sum_of_order, lags)
         if error <= tolerance:
-            error = force_error(kernel, found)
-        found = ExponentialSum(poles, inputs, outputs, steps, error)
+            error = force_error(kernel, sum_of_order)
+        sum_of_order = ExponentialSum(poles, inputs, outputs, steps, error)
         if error <= tolerance:
-            return found, True
+            return sum_of_order, True
         if best is None or error < best.error / 2:
-            best, better = found, order
+            best, improved_at = sum_of_order, order
     assert best is not None
     return ExponentialSum(best.poles, best.inputs, best.outputs, steps, force_error(kernel, best)), complete
 

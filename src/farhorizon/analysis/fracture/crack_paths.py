@@ -21,23 +21,12 @@ _SAMPLES = 8  # per spacing, along the direction ahead of a tip
 
 @dataclass(frozen=True, eq=False)
 class CrackPaths:
-    """Cracks at one time.
+    """Cracks at one time."""
 
-    Attributes
-    ----------
-    tips : ndarray, shape (T, 2)
-    ahead : ndarray, shape (T, 2)
-        Unit vectors, the directions ahead of the tips.
-    branches : ndarray, shape (B, 2)
-        Positions where three or more lines meet.
-    paths : list of ndarray, each of shape (n, 2)
-        Lines between tips, branches and edges.
-    """
-
-    tips: np.ndarray
-    ahead: np.ndarray
-    branches: np.ndarray
-    paths: list[np.ndarray]
+    tips: np.ndarray  # (T, 2)
+    ahead: np.ndarray  # unit vectors, the directions ahead of the tips, (T, 2)
+    branches: np.ndarray  # positions where three or more lines meet, (B, 2)
+    paths: list[np.ndarray]  # lines between tips, branches and edges, each of shape (n, 2)
 
     @property
     def length(self) -> float:
@@ -46,31 +35,22 @@ class CrackPaths:
 
 
 def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold: float, horizon: float) -> CrackPaths:
-    """Find the cracks in a field of damage.
-
-    Parameters
-    ----------
-    damage : ndarray, shape (nx, ny)
-        Share of the bonds of each node that are cut or broken.
-    lower : ndarray, shape (2,)
-        Position of the first node.
-    spacing, horizon : float
-        Branches shorter than two horizons count as part of the width of a crack.
-    threshold : float
-        Half of the damage beside a long crack.
+    """Find the cracks in a field of damage, the fraction of the bonds of each node that are cut or broken, (nx, ny);
+    `lower` is the position of the first node, `threshold` half of the damage beside a long crack. Branches shorter than
+    two horizons count as part of the width of a crack.
 
     Examples
     --------
     >>> import numpy as np
     >>> x = np.arange(20.0)
     >>> damage = 0.4 * np.clip((12.25 - x) / 4 + 0.5, 0, 1)[:, None] * np.isin(np.arange(9), (4, 5))
-    >>> found = find_cracks(damage, np.zeros(2), 1.0, threshold=0.2, horizon=2.0)
-    >>> found.tips.tolist()  # the other end leaves through the edge
+    >>> cracks = find_cracks(damage, np.zeros(2), 1.0, threshold=0.2, horizon=2.0)
+    >>> cracks.tips.tolist()  # the other end leaves through the edge
     [[12.25, 4.5]]
     """
     values, reach = np.nan_to_num(damage), max(1, round(horizon / spacing))
-    thin = _pruned(_thinned(values >= threshold), int(np.ceil(_SHORT * horizon / spacing)))
-    lines, degrees = _lines(thin)
+    lines_mask = _pruned(_thinned(values >= threshold), int(np.ceil(_SHORT * horizon / spacing)))
+    lines, degrees = _lines(lines_mask)
     branches = _gathered(
         np.array([place for place, degree in degrees.items() if degree > 2], float).reshape(-1, 2), reach
     )
@@ -78,50 +58,38 @@ def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold
     tips, ahead, paths = [], [], []
     for line in lines:
         smooth = _centred(values, np.array(line, float), reach)
-        found = {}
+        tip_at = {}
         for end in (0, -1):
             place = np.array(line[end])
             if degrees[line[end]] == 1 and (place >= margin).all() and (place < shape - margin).all():
-                found[end] = _tip(values, smooth if end else smooth[::-1], threshold, reach)
-        tips += [tip for tip, _ in found.values()]
-        ahead += [way for _, way in found.values()]
+                tip_at[end] = _tip(values, smooth if end else smooth[::-1], threshold, reach)
+        tips += [tip for tip, _ in tip_at.values()]
+        ahead += [way for _, way in tip_at.values()]
         if len(smooth) > 2 * reach:  # remove the hooks that thinning leaves next to tips
-            smooth = smooth[reach if 0 in found else 0 : -reach if -1 in found else None]
+            smooth = smooth[reach if 0 in tip_at else 0 : -reach if -1 in tip_at else None]
         path = smooth[np.unique(np.append(np.arange(0, len(smooth), reach), len(smooth) - 1))]
-        before, behind = ([found[end][0]] if end in found else [] for end in (0, -1))
+        before, behind = ([tip_at[end][0]] if end in tip_at else [] for end in (0, -1))
         path = np.array([*before, *path, *behind])
         paths.append(lower + spacing * path)
-    places, ways = (np.array(one, float).reshape(-1, 2) for one in (tips, ahead))
+    places, ways = (np.array(positions, float).reshape(-1, 2) for positions in (tips, ahead))
     return CrackPaths(lower + spacing * places, ways, lower + spacing * branches, paths)
 
 
 def followed(before: np.ndarray, now: np.ndarray, farthest: float) -> np.ndarray:
-    """Match tips with earlier ones.
-
-    Parameters
-    ----------
-    before : ndarray, shape (S, 2)
-        Last positions of earlier tips; nan where there was none yet.
-    now : ndarray, shape (T, 2)
-    farthest : float
-        Tips farther apart than this are not the same.
-
-    Returns
-    -------
-    ndarray of int, shape (T,)
-        For each tip the number of the earlier one; -1 for a new one.
+    """For each tip (T, 2) the number of the earlier one (S, 2) that it was, -1 for a new one: tips farther apart than
+    `farthest` are not the same. Last positions of earlier tips are nan where there was none yet.
     """
-    found = np.full(len(now), -1)
+    numbers = np.full(len(now), -1)
     known = np.flatnonzero(np.isfinite(before).all(1))
     apart = np.linalg.norm(before[known][:, None] - now[None], axis=-1)
     for row, column in zip(*linear_sum_assignment(np.minimum(apart, 2 * farthest)), strict=True):
         if apart[row, column] <= farthest:
-            found[column] = known[row]
-    return found
+            numbers[column] = known[row]
+    return numbers
 
 
 def saturated_damage(offsets: np.ndarray) -> float:
-    """Damage beside a long crack along an axis: the share of a node's bonds that lead to one side of it."""
+    """Damage beside a long crack along an axis: the fraction of a node's bonds that lead to one side of it."""
     return float((offsets[:, 1] < 0).mean())
 
 
@@ -134,31 +102,31 @@ def _ring(mask: np.ndarray) -> np.ndarray:
 
 def _thinned(mask: np.ndarray) -> np.ndarray:
     """Lines one place wide in the middle of the regions where the mask is true."""
-    found = mask.copy()
+    lines = mask.copy()
     while True:
         changed = False
         for first in (True, False):
-            p = _ring(found)
+            p = _ring(lines)
             pairs = [p[0] | p[1], p[2] | p[3], p[4] | p[5], p[6] | p[7]]
             shifted = [p[7] | p[0], p[1] | p[2], p[3] | p[4], p[5] | p[6]]
             apart = sum((~p[i] & (p[i + 1] | p[i + 2 - 8])).astype(int) for i in (0, 2, 4, 6))
-            count = np.minimum(sum(one.astype(int) for one in pairs), sum(one.astype(int) for one in shifted))
-            kept = (p[4] | p[5] | ~p[7]) & p[6] if first else (p[0] | p[1] | ~p[3]) & p[2]
-            gone = found & (apart == 1) & (count >= 2) & (count <= 3) & ~kept
-            found &= ~gone
-            changed |= bool(gone.any())
+            count = np.minimum(sum(pair.astype(int) for pair in pairs), sum(pair.astype(int) for pair in shifted))
+            needed = (p[4] | p[5] | ~p[7]) & p[6] if first else (p[0] | p[1] | ~p[3]) & p[2]
+            removed = lines & (apart == 1) & (count >= 2) & (count <= 3) & ~needed
+            lines &= ~removed
+            changed |= bool(removed.any())
         if not changed:
-            return found
+            return lines
 
 
 def _neighbours(thin: np.ndarray) -> dict[tuple[int, int], list[tuple[int, int]]]:
     """The neighbours of each place on thin lines; diagonal ones only where no place next to both connects them."""
     places = {(int(i), int(j)) for i, j in np.argwhere(thin)}
-    found = {}
+    neighbours = {}
     for i, j in places:
         near = [(i + a, j + b) for a, b in _AROUND if (i + a, j + b) in places]
-        found[i, j] = [(k, m) for k, m in near if k == i or m == j or not ((k, j) in places or (i, m) in places)]
-    return found
+        neighbours[i, j] = [(k, m) for k, m in near if k == i or m == j or not ((k, j) in places or (i, m) in places)]
+    return neighbours
 
 
 def _lines(thin: np.ndarray) -> tuple[list[list[tuple[int, int]]], dict[tuple[int, int], int]]:
@@ -173,7 +141,7 @@ def _lines(thin: np.ndarray) -> tuple[list[list[tuple[int, int]]], dict[tuple[in
                 continue
             line = [start, step]
             while degrees[line[-1]] == 2:
-                line.append(next(one for one in beside[line[-1]] if one != line[-2]))
+                line.append(next(place for place in beside[line[-1]] if place != line[-2]))
             used |= {(line[0], line[1]), (line[-1], line[-2])}
             lines.append(line)
     return lines, degrees
@@ -181,28 +149,28 @@ def _lines(thin: np.ndarray) -> tuple[list[list[tuple[int, int]]], dict[tuple[in
 
 def _pruned(thin: np.ndarray, least: int) -> np.ndarray:
     """Remove short lines that lead from a branch to an end."""
-    found = thin.copy()
+    lines_mask = thin.copy()
     while True:
-        lines, degrees = _lines(found)
+        lines, degrees = _lines(lines_mask)
         short = [
             line
             for line in lines
             if len(line) <= least and {degrees[line[0]] == 1, degrees[line[-1]] == 1} == {True, False}
         ]
         if not short:
-            return found
+            return lines_mask
         line = min(short, key=len)
-        gone = line[:-1] if degrees[line[0]] == 1 else line[1:]
-        found[tuple(np.array(gone).T)] = False
+        removed = line[:-1] if degrees[line[0]] == 1 else line[1:]
+        lines_mask[tuple(np.array(removed).T)] = False
 
 
 def _gathered(places: np.ndarray, reach: int) -> np.ndarray:
     """Means of groups of places, each of which has another member of the group within reach."""
     groups: list[list[np.ndarray]] = []
     for place in places:
-        near = [group for group in groups if any(np.abs(place - one).max() <= reach for one in group)]
-        merged = [one for group in near for one in group] + [place]
-        groups = [group for group in groups if not any(group is other for other in near)] + [merged]
+        near = [group for group in groups if any(np.abs(place - member).max() <= reach for member in group)]
+        merged = [member for group in near for member in group] + [place]
+        groups = [group for group in groups if not any(group is merged_group for merged_group in near)] + [merged]
     return np.array([np.mean(group, axis=0) for group in groups]).reshape(-1, 2)
 
 

@@ -89,16 +89,16 @@ class InteractionDomain:
         self.medium, self.modes, self.radii = medium, medium.modes, radii
         self.tip, self._lattice, self._cuts = np.asarray(tip, float), lattice, list(cuts)
         first = np.asarray(ahead, float) / np.linalg.norm(ahead)
-        self._turn = np.array([first, [-first[1], first[0]]])  # rows: the axes of the tip
-        _check_circles(lattice, self.tip, self._turn, radii, cuts)
+        self._axes = np.array([first, [-first[1], first[0]]])  # rows: the axes of the tip
+        _check_circles(lattice, self.tip, self._axes, radii, cuts)
         grid = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
         inside = np.linalg.norm(grid - self.tip, axis=1) < radii[1] + _FARTHEST * lattice.spacing
         candidates = np.flatnonzero(inside & (True if lattice.mask is None else lattice.mask.ravel()))
         where, area = self._quadrature(lattice.spacing)
         numbers, slopes = parabolas(where, grid[candidates], cuts, lattice.spacing)
-        shares = np.einsum("kqij,qjn->qnki", self._on_gradient(where, area), slopes[:, 1:])
-        total = np.zeros((len(candidates), *shares.shape[2:]))
-        np.add.at(total, numbers, shares)
+        parts = np.einsum("kqij,qjn->qnki", self._on_gradient(where, area), slopes[:, 1:])
+        total = np.zeros((len(candidates), *parts.shape[2:]))
+        np.add.at(total, numbers, parts)
         static = total.swapaxes(0, 1)
         loaded = self._on_force(grid[candidates], lattice.spacing**2)
         used = np.abs(static).any((0, 2)) | np.abs(loaded).any((0, 2))
@@ -119,8 +119,8 @@ class InteractionDomain:
         -------
         ndarray, shape (..., modes)
         """
-        found = np.einsum("knc,...nc->...k", self.static, u)
-        return found if force is None else found + np.einsum("knc,...nc->...k", self.loaded, force)
+        static = np.einsum("knc,...nc->...k", self.static, u)
+        return static if force is None else static + np.einsum("knc,...nc->...k", self.loaded, force)
 
     def energy_release(
         self, u: np.ndarray, v: np.ndarray, density: float, force: np.ndarray, held: np.ndarray | None = None
@@ -149,7 +149,7 @@ class InteractionDomain:
         lattice, components = self._lattice, 1 if self.medium.antiplane else 2
         part = slice(None) if held is None else np.flatnonzero(held)
         grid = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)[part]
-        fields = [np.reshape(one, (components, -1))[:, part] for one in (u, v, force)]
+        fields = [np.reshape(values, (components, -1))[:, part] for values in (u, v, force)]
         where, area = self._quadrature(lattice.spacing)
         strain, _, motion = self._read(where, grid, fields)
         _, theta = self._polar(where)
@@ -161,14 +161,14 @@ class InteractionDomain:
         inside = np.flatnonzero((r < self.radii[1]) & (r > 3 * lattice.spacing))
         strain, rates, _ = self._read(grid[inside], grid, fields)
         q = np.clip((self.radii[1] - r[inside]) / (self.radii[1] - self.radii[0]), 0.0, 1.0)
-        motion, pull = fields[1][:, inside].T @ self._frame.T, fields[2][:, inside].T @ self._frame.T
-        change = (pull * strain[..., 0]).sum(1) - density * (motion * rates[..., 0]).sum(1)
+        motion, net_force = fields[1][:, inside].T @ self._frame.T, fields[2][:, inside].T @ self._frame.T
+        change = (net_force * strain[..., 0]).sum(1) - density * (motion * rates[..., 0]).sum(1)
         return float(area @ flow + lattice.spacing**2 * (q @ change))
 
     @property
     def _frame(self) -> np.ndarray:
         """Rotation of components of the field to the axes of the tip."""
-        return np.eye(1) if self.medium.antiplane else self._turn
+        return np.eye(1) if self.medium.antiplane else self._axes
 
     def _read(
         self, where: np.ndarray, grid: np.ndarray, fields: Sequence[np.ndarray]
@@ -177,9 +177,9 @@ class InteractionDomain:
         and the velocities, (Q, components).
         """
         numbers, weights = parabolas(where, grid, self._cuts, self._lattice.spacing)
-        u, v = (np.einsum("qjn,cqn->qcj", weights, one[:, numbers]) for one in fields[:2])
-        turned = [np.einsum("ac,qcb,db->qad", self._frame, one[..., 1:], self._turn) for one in (u, v)]
-        return turned[0], turned[1], v[..., 0] @ self._frame.T
+        u, v = (np.einsum("qjn,cqn->qcj", weights, values[:, numbers]) for values in fields[:2])
+        gradients = [np.einsum("ac,qcb,db->qad", self._frame, values[..., 1:], self._axes) for values in (u, v)]
+        return gradients[0], gradients[1], v[..., 0] @ self._frame.T
 
     def _quadrature(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Points between the circles, shape (Q, 2), and the area that each represents."""
@@ -190,25 +190,25 @@ class InteractionDomain:
         r, theta = (inner + outer) / 2 + (outer - inner) / 2 * s, np.pi * t
         local = np.stack([np.multiply.outer(r, f(theta)) for f in (np.cos, np.sin)], axis=-1)
         area = np.multiply.outer(r * ds * (outer - inner) / 2, np.pi * dt)
-        return self.tip + local.reshape(-1, 2) @ self._turn, area.ravel()
+        return self.tip + local.reshape(-1, 2) @ self._axes, area.ravel()
 
     def _polar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance from the tip, and angle from the direction ahead."""
-        x, y = ((points - self.tip) @ self._turn.T).T
+        x, y = ((points - self.tip) @ self._axes.T).T
         return np.hypot(x, y), np.arctan2(y, x)
 
     def _on_gradient(self, where: np.ndarray, area: np.ndarray) -> np.ndarray:
         """Weights on the gradient of the field at the points, shape (modes, Q, components, 2)."""
         r, theta = self._polar(where)
-        _, theirs = self.medium.fields(r, theta)
-        stress = self.medium.stress(theirs)
+        _, auxiliary = self.medium.fields(r, theta)
+        stress = self.medium.stress(auxiliary)
         fall = -np.stack([np.cos(theta), np.sin(theta)], axis=-1) / (self.radii[1] - self.radii[0])  # grad q
-        weights = self.medium.stress(np.einsum("kqi,qj->kqij", theirs[..., 0], fall))
+        weights = self.medium.stress(np.einsum("kqi,qj->kqij", auxiliary[..., 0], fall))
         weights[..., 0] += np.einsum("kqij,qj->kqi", stress, fall)
         weights -= stress * fall[:, 0, None, None]
         weights *= area[:, None, None] * self.medium.stiffness / 2
-        back = weights @ self._turn
-        return back if self.medium.antiplane else np.einsum("kqia,ib->kqba", back, self._turn)
+        rotated = weights @ self._axes
+        return rotated if self.medium.antiplane else np.einsum("kqia,ib->kqba", rotated, self._axes)
 
     def _on_force(self, points: np.ndarray, cell: float) -> np.ndarray:
         """Weights on the force at nodes, shape (modes, N, components)."""
@@ -217,27 +217,15 @@ class InteractionDomain:
         q = np.clip((outer - r) / (outer - inner), 0.0, 1.0)
         apart = np.maximum(r, 1e-3 * np.sqrt(cell))  # the gradient of a node on the tip itself is not finite
         ahead = self.medium.fields(apart, theta)[1][..., 0] * (q * cell * self.medium.stiffness / 2)[:, None]
-        return ahead if self.medium.antiplane else ahead @ self._turn
+        return ahead if self.medium.antiplane else ahead @ self._axes
 
 
 def parabolas(
     where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Value and derivatives at points as sums over nodes, by parabolas fitted to nearby nodes that no crack hides.
-
-    Parameters
-    ----------
-    where : ndarray, shape (Q, 2)
-    nodes : ndarray, shape (N, 2)
-    cuts : sequence of Cut
-    spacing : float
-
-    Returns
-    -------
-    numbers : ndarray of int, shape (Q, K)
-        Nodes that each point uses.
-    weights : ndarray, shape (Q, 3, K)
-        Weights for the value and for the derivatives along the axes.
+    """Value and derivatives at points (Q, 2) as sums over nodes (N, 2), by parabolas fitted to nearby nodes that no
+    crack hides: numbers of the nodes that each point uses, (Q, K), and weights for the value and for the derivatives
+    along the axes, (Q, 3, K).
     """
     most = min(len(nodes), int(np.ceil(np.pi * (_FARTHEST + 1) ** 2)))
     distance, numbers = cKDTree(nodes).query(where, most, distance_upper_bound=_FARTHEST * spacing)
@@ -257,7 +245,7 @@ def parabolas(
 
 
 def _check_circles(
-    lattice: Lattice, tip: np.ndarray, turn: np.ndarray, radii: tuple[float, float], cuts: Sequence[Cut]
+    lattice: Lattice, tip: np.ndarray, axes: np.ndarray, radii: tuple[float, float], cuts: Sequence[Cut]
 ) -> None:
     """Refuse circles that leave the near field, or that cracks cross other than once behind the tip."""
     inner, outer = radii
@@ -282,7 +270,7 @@ def _check_circles(
     r = np.append(np.arange(spacing, outer, spacing / 2), outer)
     theta = np.linspace(-np.pi, np.pi, max(16, int(np.ceil(4 * np.pi * outer / spacing))) + 1)
     theta[[0, -1]] *= 1 - _GRAZING
-    rings = tip + r[:, None, None] * (np.stack([np.cos(theta), np.sin(theta)], axis=-1) @ turn)
+    rings = tip + r[:, None, None] * (np.stack([np.cos(theta), np.sin(theta)], axis=-1) @ axes)
     behind, elsewhere = np.zeros((2, len(r)), int)
     for cut in cuts:
         behind += cut.cuts(rings[:, -1], rings[:, 0])

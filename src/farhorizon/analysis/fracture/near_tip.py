@@ -70,16 +70,16 @@ class NearTip:
         """
         cos, sin, c, s = np.cos(theta), np.sin(theta), np.cos(theta / 2), np.sin(theta / 2)
         if self.antiplane:
-            parts, turned, factor = [[s]], [[c / 2]], 2 / self.shear
+            shapes, slopes, factor = [[s]], [[c / 2]], 2 / self.shear
         else:
             k, factor = (self.lame + 3 * self.shear) / (self.lame + self.shear), 1 / (2 * self.shear)
-            parts = [[c * (k - cos), s * (k - cos)], [s * (k + 2 + cos), -c * (k - 2 + cos)]]
-            turned = [
+            shapes = [[c * (k - cos), s * (k - cos)], [s * (k + 2 + cos), -c * (k - 2 + cos)]]
+            slopes = [
                 [-s / 2 * (k - cos) + c * sin, c / 2 * (k - cos) + s * sin],
                 [c / 2 * (k + 2 + cos) - s * sin, s / 2 * (k - 2 + cos) + c * sin],
             ]
         size = factor / np.sqrt(2 * np.pi)
-        f, df = (np.moveaxis(np.array(values), 1, -1) for values in (parts, turned))  # (modes, n, components)
+        f, df = (np.moveaxis(np.array(values), 1, -1) for values in (shapes, slopes))  # (modes, n, components)
         root = np.sqrt(r)[:, None]
         cos, sin = cos[:, None], sin[:, None]
         gradient = np.stack([f / 2 * cos - df * sin, f / 2 * sin + df * cos], axis=-1) / root[..., None]

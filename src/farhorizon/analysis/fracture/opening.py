@@ -44,19 +44,19 @@ def opening_intensity(r: np.ndarray, jump: np.ndarray, stiffness: float, near: t
     >>> round(opening_intensity(r, jump, stiffness=2.0, near=(0.3, 2.0)), 12)
     1.7
     """
-    some = (r > near[0]) & (r < near[1])
-    if some.sum() < 4:
+    used = (r > near[0]) & (r < near[1])
+    if used.sum() < 4:
         raise InputError(
             "too few places along the crack tell its intensity",
-            value=int(some.sum()),
+            value=int(used.sum()),
             limit="4 or more",
             key="opening_intensity.near",
             remedy="a wider part of the crack, or a finer lattice",
         )
-    square = np.polynomial.Polynomial.fit(r[some], jump[some] ** 2, 2)
+    square = np.polynomial.Polynomial.fit(r[used], jump[used] ** 2, 2)
     roots = square.roots()
     tip = roots[np.argmin(np.abs(roots))]
-    return float(np.sign(jump[some].mean()) * np.sqrt(2 * np.pi * np.abs(square.deriv()(tip).real)) * stiffness / 8)
+    return float(np.sign(jump[used].mean()) * np.sqrt(2 * np.pi * np.abs(square.deriv()(tip).real)) * stiffness / 8)
 
 
 def face_jumps(

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from farhorizon.analysis.layers.choice import crowded, rising_alpha, smooth_ramp, weak
+from farhorizon.analysis.layers.profiles import crowded, rising_alpha, smooth_ramp, weak
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layer
 from farhorizon.engine.engine import Layer

@@ -1,240 +1,35 @@
-"""Reflection of plane waves by a flat side, from the exact problem on the half-infinite lattice, without a run in time.
+"""Reflection of plane waves by a flat side, without a run in time: by the map of one step of any side, and by the
+equations of a lattice PML itself.
 
-Along a side a wave has a tangential wavenumber, and the medium in front of the side is a chain, for vectors one of d x
-d blocks. At a factor z per step the chain carries 2 K d modes ``v zeta^j`` (K the reach of the stencil along the
-normal): the incoming wave, K d modes that leave the side or decay away from it, and others that come to the side or
-decay towards it, which are absent. Near field, layer and memory of the side obey ``z x = G x`` with the map G of one
-step; their solution must continue in the incoming wave and the leaving modes. Waves of vectors are classified as P and
-S by their polarisation; a side converts one into the other.
+Near field, layer and memory of the side obey ``z x = G x`` with the map G of one step; their solution must continue in
+the incoming wave and the modes that leave (`farhorizon.analysis.layers.chain_modes`). A side converts P into S
+waves and back.
+
+In a lattice PML the columns along the normal hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a
+factor z per step the recursion over the edge p between columns p and p + 1, with the stretch ``g = kappa +
+sigma/(s + alpha)`` and ``s = 2/dt (z - 1)/(z + 1)``,
+
+    (1 - g) U(p+1,k+1) + (1 + g) U(p+1,k) = (1 + g) U(p,k+1) + (1 - g) U(p,k),
+
+is solved inwards for k >= 0 (with zeros beyond the last column) and outwards for k <= 0 (from the near field's nodes at
+the entrance). The operator A of the columns is therefore a matrix. With the part F = D F D of the increments that the
+filter of `farhorizon.engine.filter` removes in a step, the scheme ``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)``
+and the modes of the medium in front of the layer form one small linear system.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import linalg
-from scipy.linalg import lapack
-from scipy.optimize import linear_sum_assignment
 
-from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.errors import InputError
-from farhorizon.medium.stencil import Stencil
-
-_TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # types of waves, by components of the field
-_UNIT = 1e-8  # a mode whose factor has a modulus nearer to 1 propagates
-_ALIKE = 1e-6  # modes whose factors differ by less are polarisations of one wave
-_MEANT = 0.1  # part of the largest overlap with a polarisation above which a wave has that polarisation
-# a mode that decays by more over a node is negligible two nodes away; infinite where the outermost weights are singular
-_FAR = 1e5
-
-
-@dataclass(frozen=True)
-class Modes:
-    """Modes of a chain at one factor per step; d is the number of components of the field, 1 for a scalar.
-
-    Attributes
-    ----------
-    incoming : complex
-        Factor per node of the wave that comes to the side (towards larger j).
-    vector : ndarray of complex, shape (d,)
-        Its polarisation, of length 1.
-    leaving : ndarray of complex, shape (n,)
-        Factors of the modes that leave the side or decay away from it.
-    vectors : ndarray of complex, shape (n, d)
-        Their polarisations.
-    travels : ndarray of bool, shape (n,)
-        Which of them propagate; where none does, the one that reaches farthest.
-    """
-
-    incoming: complex
-    vector: np.ndarray
-    leaving: np.ndarray
-    vectors: np.ndarray
-    travels: np.ndarray
-
-
-def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
-    """The stencil along its first axis for waves of given tangential wavenumbers times spacing.
-
-    Parameters
-    ----------
-    stencil : Stencil
-    angles : sequence of float
-        One for each axis but the first.
-
-    Returns
-    -------
-    ndarray of complex, shape (2 K + 1,), of matrices (2 K + 1, d, d)
-        Weights of the offsets -K .. K, with the sum over all bonds and the reaction subtracted from the middle one.
-    """
-    reach = stencil.reach[0]
-    found = np.zeros((2 * reach + 1, *stencil.weights.shape[1:]), complex)
-    phase = np.exp(1j * stencil.offsets[:, 1:] @ np.asarray(angles, float))
-    np.add.at(found, stencil.offsets[:, 0] + reach, (stencil.weights.T * phase).T)
-    found[reach] -= stencil.weights.sum(0) + stencil.own
-    return found
-
-
-def types_of(components: int, dim: int) -> tuple[str, ...]:
-    """Types of the waves of a field, by its number of components and dimensions: one without a name for a scalar; P and
-    S, in space SV and SH, for a vector. If there are more components, the first ones form a vector, and the waves of
-    the others are numbered.
-    """
-    if components in (1, dim):
-        return _TYPES[components]
-    vector = _TYPES[dim] if components > dim else ()
-    return vector + tuple(f"u{number}" for number in range(len(vector) + 1, components + 1))
-
-
-def polarisations(components: int, dim: int, angle: float, azimuth: float = 0.0) -> np.ndarray:
-    """Polarisations of long waves in an isotropic medium, in the order of `types_of`, as rows of shape (components,
-    components).
-
-    Parameters
-    ----------
-    components, dim : int
-    angle : float
-        Between the wave vector and the normal, the first axis, in radians.
-    azimuth : float
-        In 3D, between its tangential part and the second axis, in radians. SV lies in the plane of incidence, SH along
-        the side.
-    """
-    if components != dim:
-        found = np.eye(components)
-        if components > dim:
-            found[:dim, :dim] = polarisations(dim, dim, angle, azimuth)
-        return found
-    if components == 1:
-        return np.ones((1, 1))
-    along = [1.0] if components == 2 else [np.cos(azimuth), np.sin(azimuth)]
-    plane = np.array(
-        [[np.cos(angle), *(np.sin(angle) * t for t in along)], [-np.sin(angle), *(np.cos(angle) * t for t in along)]]
-    )
-    return plane if components == 2 else np.vstack([plane, [0.0, -along[1], along[0]]])
-
-
-def eigenvalue_of_type(symbol: np.ndarray, polarisation: np.ndarray, number: int) -> float:
-    """Eigenvalue of a stencil's symbol that belongs to one type of wave.
-
-    Parameters
-    ----------
-    symbol : ndarray, shape (d, d) or ()
-    polarisation : ndarray, shape (d, d)
-        As from `polarisations`.
-    number : int
-        Number of the type, a row of `polarisation`.
-    """
-    values, vectors = np.linalg.eigh(np.reshape(symbol, polarisation.shape))
-    _, branch = linear_sum_assignment(-(np.abs(polarisation @ vectors) ** 2))
-    return float(values[branch[number]])
-
-
-def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
-    """Factor per step, with a phase that decreases in time, of a wave for which an operator has a real `eigenvalue`;
-    for first order in time, the factor of the decaying mode.
-    """
-    half = (1 + recursion.keep + recursion.scale * eigenvalue) / 2
-    if recursion.keep == 0:
-        return complex(2 * half)
-    return complex(half - np.sqrt(complex(half**2 - recursion.keep)))
-
-
-@dataclass(frozen=True)
-class Chain:
-    """All modes of a chain at one factor per step.
-
-    Attributes
-    ----------
-    weights : ndarray of complex, shape (2 K + 1,) or (2 K + 1, d, d)
-    roots : ndarray of complex, shape (n,)
-        Factors per node.
-    vectors : ndarray of complex, shape (n, d)
-        Polarisations.
-    ahead : ndarray of bool, shape (n,)
-        Which of them come to the side.
-    """
-
-    weights: np.ndarray
-    roots: np.ndarray
-    vectors: np.ndarray
-    ahead: np.ndarray
-
-    @classmethod
-    def of(cls, weights: np.ndarray, factor: complex, recursion: Recursion) -> Chain:
-        """The modes for weights as from `chain_weights`, times coefficient / spacing^2."""
-        blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
-        roots, vectors = chain_roots(blocks, complex(recursion.eigenvalue(np.array(factor))))
-        powers = np.arange(len(blocks)) - len(blocks) // 2
-        # zeta dL/dzeta for each mode
-        slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
-        step = 1e-6
-        rise = (
-            recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))
-        ) / (2 * step)
-        apart = np.abs(roots) - 1
-        # a wave that grows in time is smaller the farther it has travelled: one that comes to the side decays towards
-        # it
-        ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
-        return cls(weights, roots, vectors, ahead)
-
-    def modes(self, near: complex, polarisation: np.ndarray | None = None) -> Modes:
-        """Return all modes, for one of them as the incoming wave.
-
-        Parameters
-        ----------
-        near : complex
-            Approximate factor per node of the wave that is meant; if that wave leaves the side (a backward wave), its
-            mirror image comes.
-        polarisation : ndarray, shape (d,), optional
-            Approximate polarisation of the wave, for a field of vectors.
-
-        Raises
-        ------
-        InputError
-            No wave comes to the side.
-        """
-        roots, vectors, ahead = self.roots, self.vectors, self.ahead
-        # number of modes each way, fewer where the outermost weights are singular
-        there = (len(self.weights) // 2) * vectors.shape[1]
-        if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped: nothing travels
-            raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
-        away = np.minimum(np.abs(roots - near), np.abs(roots - 1 / near))
-        if polarisation is not None:  # a wave of another polarisation may be as near
-            alike = np.abs(vectors.conj() @ polarisation)
-            away = np.where(alike > _MEANT * alike[ahead].max(), away, np.inf)
-        incoming = roots[ahead][np.argmin(away[ahead])]
-        leaving = roots[~ahead]
-        travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
-        if not travels.any():  # evanescent towards the side, and reflected as evanescent away from it
-            travels[np.argmin(np.abs(leaving))] = True
-        alike = vectors[ahead & (np.abs(roots - incoming) < _ALIKE)]
-        basis = alike.T if len(alike) == 1 else linalg.qr(alike.T, mode="economic")[0]
-        vector = basis @ basis.conj().T @ (np.ones(1) if polarisation is None else polarisation)
-        return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
-
-
-def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
-    """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v``, by the companion
-    pencil of the polynomial.
-    """
-    size, d = len(blocks) - 1, blocks.shape[1]
-    polynomial = blocks.astype(complex)
-    polynomial[size // 2] -= eigenvalue * np.eye(d)
-    polynomial /= np.abs(polynomial).max()
-    left, right = np.eye(size * d, k=d, dtype=complex), np.eye(size * d, dtype=complex)
-    left[-d:] = -np.concatenate(polynomial[:-1], axis=1)
-    right[-d:, -d:] = polynomial[-1]
-    # beta = 0 where the outermost weights are singular. Chains are small and solved by the thousand: the overhead of
-    # `linalg.eig` around the same call would double the time
-    alpha, beta, _, found, _, failed = lapack.zggev(left, right, compute_vl=0)
-    if failed:
-        raise np.linalg.LinAlgError("the modes of a chain were not found")
-    finite = (np.abs(alpha) < _FAR * np.abs(beta)) & (np.abs(alpha) > np.abs(beta) / _FAR)
-    roots, found = alpha[finite] / beta[finite], found[:, finite]
-    vectors = np.where(np.abs(roots) < 1, found[:d], found[-d:]).T  # v, or v zeta^(2 K - 1)
-    return roots, vectors / np.linalg.norm(vectors, axis=1)[:, None]
+from farhorizon.analysis.layers.chain_modes import ALIKE, ArrivingWave, LatticeMedium, Modes, polarisations, types_of
+from farhorizon.engine.dampers import response, springs_of, strengths_of
+from farhorizon.engine.engine import Layer
+from farhorizon.engine.filter import line_damping
 
 
 def reflection(
@@ -244,22 +39,11 @@ def reflection(
 
     Parameters
     ----------
-    matrix : ndarray, shape (n, n)
-        Map of one step of a near field whose high end is the side, and of all memory of the side. Its low end is
-        arbitrary.
-    columns : ndarray of int, shape (levels, d, columns)
-        Entries of the state that are the near field's nodes along the normal, at least 2 K + 2 columns.
-    levels : sequence of complex
-        Amplitude of a wave in each time level: 1 for the field itself.
-    factor : complex
-        Factor per step.
-    modes : Modes
-    reach : int
-        K.
-
-    Returns
-    -------
-    ndarray of complex, shape (leaving modes,)
+    matrix : (n, n), the map of one step of a near field whose high end is the side, and of all memory of the side; the
+        low end is arbitrary
+    columns : (levels, d, columns), entries of the state that are the near field's nodes along the normal, at least
+        2 K + 2 columns
+    levels : amplitude of a wave in each time level: 1 for the field itself
     """
     count, width, size = len(modes.leaving), columns.shape[-1], len(matrix)
     place = np.arange(width) - (width - 1)
@@ -267,49 +51,143 @@ def reflection(
     away = modes.vectors.T[:, None, :] * modes.leaving ** place[:, None]  # (d, columns, modes)
     system, right = np.zeros((size + count, size + count), complex), np.zeros(size + count, complex)
     system[:size, :size] = factor * np.eye(size) - matrix
-    for level, share in zip(columns, levels, strict=True):  # the modes replace the nodes that the low end affects
-        rows = level[:, :reach].ravel()
+    for nodes, amplitude in zip(columns, levels, strict=True):  # modes replace the nodes that the low end affects
+        rows = nodes[:, :reach].ravel()
         system[rows] = 0
         system[rows, rows] = 1
-        system[rows, size:] = -share * away[:, :reach].reshape(len(rows), count)
-        right[rows] = share * wave[:, :reach].ravel()
+        system[rows, size:] = -amplitude * away[:, :reach].reshape(len(rows), count)
+        right[rows] = amplitude * wave[:, :reach].ravel()
     # match them at the next nodes, which have at least as many values as there are modes
     known = away[:, reach : 2 * reach].reshape(-1, count)
-    turned = linalg.qr(known / np.abs(known).max(0), mode="economic")[0].conj().T
-    system[size:, columns[0, :, reach : 2 * reach].ravel()], system[size:, size:] = turned, -turned @ known
-    right[size:] = turned @ wave[:, reach : 2 * reach].ravel()
+    projection = linalg.qr(known / np.abs(known).max(0), mode="economic")[0].conj().T
+    system[size:, columns[0, :, reach : 2 * reach].ravel()], system[size:, size:] = projection, -projection @ known
+    right[size:] = projection @ wave[:, reach : 2 * reach].ravel()
     return np.asarray(np.linalg.solve(system, right)[size:])
 
 
 def by_type(modes: Modes, amplitudes: np.ndarray, along: np.ndarray, azimuth: float = 0.0) -> dict[str, complex]:
-    """Amplitudes of the leaving waves by type; for several of one type, the root of the sum of squares.
-
-    Parameters
-    ----------
-    modes : Modes
-    amplitudes : ndarray of complex
-        As from `reflection`.
-    along : ndarray
-        Tangential wavenumbers times spacing.
-    azimuth : float
-        Direction of these, in radians.
-
-    Returns
-    -------
-    dict
-        Without the types that do not travel.
+    """Amplitudes of the leaving waves by type, without the types that do not travel; for several of one type, the root
+    of the sum of squares. `along` are the tangential wavenumbers times spacing, `azimuth` their direction in radians.
     """
-    found: dict[str, complex] = {}
+    by_name: dict[str, complex] = {}
     components, dim, left = len(modes.vector), len(along) + 1, modes.travels.copy()
     while left.any():
-        alike = left & (np.abs(modes.leaving - modes.leaving[np.argmax(left)]) < _ALIKE)
-        left &= ~alike
-        field = amplitudes[alike] @ modes.vectors[alike]
-        angle = np.arctan2(np.linalg.norm(along), np.angle(modes.leaving[alike][0]))
-        basis = linalg.qr(modes.vectors[alike].T, mode="economic")[0]
-        shadows = polarisations(components, dim, float(angle), azimuth) @ basis.conj() @ basis.T
-        lengths = np.linalg.norm(shadows, axis=1)
+        degenerate = left & (np.abs(modes.leaving - modes.leaving[np.argmax(left)]) < ALIKE)
+        left &= ~degenerate
+        field = amplitudes[degenerate] @ modes.vectors[degenerate]
+        angle = np.arctan2(np.linalg.norm(along), np.angle(modes.leaving[degenerate][0]))
+        basis = linalg.qr(modes.vectors[degenerate].T, mode="economic")[0]
+        projections = polarisations(components, dim, float(angle), azimuth) @ basis.conj() @ basis.T
+        lengths = np.linalg.norm(projections, axis=1)
         for number in np.argsort(-lengths)[: basis.shape[1]]:
-            name, share = types_of(components, dim)[number], complex(np.vdot(shadows[number], field) / lengths[number])
-            found[name] = complex(np.sqrt(found[name] ** 2 + share**2)) if name in found else share
-    return found
+            name = types_of(components, dim)[number]
+            part = complex(np.vdot(projections[number], field) / lengths[number])
+            by_name[name] = complex(np.sqrt(by_name[name] ** 2 + part**2)) if name in by_name else part
+    return by_name
+
+
+@dataclass(frozen=True)
+class LayerSide:
+    """A flat side with a lattice PML; `diffusive` says whether the medium carries diffusion waves, which come from a
+    source of one frequency and decay on their way.
+    """
+
+    medium: LatticeMedium
+    layer: Layer
+    diffusive: bool = False
+    #: Time of one angle on a typical core.
+    seconds: ClassVar[float] = 0.005
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of waves, see `types_of`."""
+        return types_of(self.medium.stencil.components, self.medium.stencil.dim)
+
+    def reflections(
+        self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
+    ) -> dict[str, complex]:
+        """Amplitudes, by type, of the waves into which a plane wave of amplitude 1 is reflected; see
+        `farhorizon.checks.side_modes.Strip.reflections`.
+        """
+        length = wavelength / self.medium.spacing
+        if self.diffusive:
+            wave = self.medium.diffusion_wave(length, angle)
+        else:
+            wave = self.medium.plane_wave(length, angle, azimuth, self.types.index(incoming or self.types[0]))
+        return by_type(wave.modes, layer_amplitudes(wave, self.layer), wave.along, float(np.radians(azimuth)))
+
+
+def layer_amplitudes(wave: ArrivingWave, layer: Layer) -> np.ndarray:
+    """Amplitudes of all leaving modes for an incoming wave of amplitude 1, both at the last node before a lattice PML;
+    shape (leaving modes,), complex.
+    """
+    blocks = wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1))
+    reach, d, columns = len(blocks) // 2, blocks.shape[1], layer.columns
+    # equations of the columns, and what they read of the near field's nodes 0, -1 .. -reach
+    system = (wave.eigenvalue * np.eye(d) - blocks[reach])[:, None, :, None] * np.eye(columns)[:, None]
+    drive: np.ndarray = np.zeros((reach + 1, d, columns, d), complex)
+    entrance = np.zeros((reach, columns + 1), complex)  # U(0, k), k = 1 .. K, from the last node and the columns
+    stretch = layer.kappa + layer.sigma / (wave.s + layer.alpha)
+    for k, (inwards, outwards) in enumerate(continuations(stretch, reach), 1):
+        entrance[k - 1] = inwards[0]
+        outer, inner = blocks[reach + k][:, None, :, None], blocks[reach - k][:, None, :, None]
+        system -= outer * inwards[1:, None, 1:] + inner * outwards[:, None, :columns]
+        drive += inner[..., 0] * outwards[:, columns:].T[:, None, :, None]
+    system, drive = system.reshape(d * columns, -1), drive.reshape(reach + 1, -1, d)
+    if layer.tuned.size:
+        system = system + np.diag(_dampers(wave, layer))
+    elif layer.damping.size:
+        damping = line_damping(layer.damping, layer.taps, wave.dt, wave.along)  # the same for each component
+        lost = (wave.factor - 1) * damping  # from the increment
+        if layer.whole:  # from both time levels
+            lost = wave.factor * damping - wave.recursion.keep / wave.factor * (damping - damping @ damping)
+        of_each = np.kron(np.eye(d), damping)
+        system = system - of_each @ system + np.kron(np.eye(d), lost / wave.recursion.scale)
+        drive = drive - of_each @ drive
+    # modes that decay within a node are scaled by their values ahead
+    roots, shapes = (
+        np.append(wave.modes.leaving, wave.modes.incoming),
+        np.vstack([wave.modes.vectors, wave.modes.vector]).T,
+    )
+    size = np.maximum(np.abs(roots) ** reach, 1.0)
+    behind, ahead = roots ** -np.arange(reach + 1)[:, None] / size, roots ** np.arange(1, reach + 1)[:, None] / size
+    inside = np.linalg.solve(system, (drive @ (shapes * behind[:, None])).sum(0)).reshape(d, columns, -1)
+    # what the columns continue in, less what the modes do, at the nodes 1 .. K; (K, d, modes)
+    continued = (entrance[:, 1:] @ inside).swapaxes(0, 1)
+    continued += entrance[:, 0, None, None] * (shapes * behind[0]) - shapes * ahead[:, None]
+    missing = np.concatenate([(blocks[reach + 1 + i :] @ continued[: reach - i]).sum(0) for i in range(reach)])
+    missing = missing / np.linalg.norm(missing[:, :-1], axis=0).max()
+    dependent = max(missing.shape) * np.finfo(float).eps
+    amplitudes = -(np.linalg.pinv(missing[:, :-1], rcond=dependent) @ missing[:, -1])
+    return np.asarray(amplitudes * size[-1] / size[:-1])
+
+
+def continuations(stretch: np.ndarray, reach: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Matrices that continue the field of a layer by k = 1 .. reach nodes, for the stretch of its edges, (L + 1,).
+
+    The first, (L + 1, L + 1), gives U(., k) at the columns 0 .. L from the values there, the second, (L, L + reach +
+    1), U(., -k) at the columns 1 .. L from the values there and at the near field's nodes 0, -1 .. -reach.
+    """
+    ratio, edges = (1 - stretch) / (1 + stretch), len(stretch)
+    nodes = edges - 1 + np.arange(reach + 1)  # the near field's nodes among the unknowns
+    inwards, outwards = np.eye(edges, dtype=complex), np.eye(edges - 1, edges + reach, dtype=complex)
+    for k in range(1, reach + 1):
+        before, inwards = inwards, np.zeros_like(inwards)
+        inwards[-1] = -ratio[-1] * before[-1]
+        for p in range(edges - 2, -1, -1):
+            inwards[p] = before[p + 1] + ratio[p] * (inwards[p + 1] - before[p])
+        before, outwards = outwards, np.zeros_like(outwards)
+        outwards[0, nodes[k - 1 : k + 1]] = 1.0, ratio[0]
+        outwards[0] -= ratio[0] * before[0]
+        for p in range(1, edges - 1):
+            outwards[p] = before[p - 1] + ratio[p] * (outwards[p - 1] - before[p])
+        yield inwards, outwards
+
+
+def _dampers(wave: ArrivingWave, layer: Layer) -> np.ndarray:
+    """Contribution of tuned dampers to the eigenvalue at the columns, shape (components * columns,)."""
+    keep, pull = springs_of(layer.tuned, wave.dt)
+    factor = np.array(wave.factor)
+    passed = 1 + strengths_of(layer.damping, keep, pull, wave.dt) * response(factor, keep, pull)
+    change = (factor - 1) * (1 - 1 / factor) * (1 / passed - 1) / wave.recursion.scale
+    return np.tile(change, wave.modes.vectors.shape[1])

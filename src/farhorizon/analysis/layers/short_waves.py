@@ -4,7 +4,7 @@ In a layer a wave is stretched along its phase velocity. A *backward wave*, whos
 then grows where it should decay: at the rate ``sigma gamma`` to first order in the layer's strength sigma, with gamma
 from the symbol (`Stencil.layer_growth`). On a lattice such waves are short, and no run with a resolved field needs
 them. The layer therefore damps the high-pass filtered velocity at a rate nu that follows sigma. A wave of which the
-filter passes the share f then decays at the rate ``nu f / 2``, so that ``nu f >= 2 sigma gamma`` prevents its growth.
+filter passes the fraction f then decays at the rate ``nu f / 2``, so that ``nu f >= 2 sigma gamma`` prevents growth.
 
 The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete
 beta function ``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and
@@ -55,27 +55,18 @@ _MOST, _MOST_SHARP, _OVER_LEAST = 0.6, 0.95, 1.3
 
 @dataclass(frozen=True)
 class HighPass:
-    """Damping of short waves in a layer.
+    """Damping of short waves in a layer."""
 
-    Attributes
-    ----------
-    rise, fall : int
-        Orders of the filter ``I_y(rise, fall)``.
-    strength : float
-        Damping rate over sigma.
-    first : float
-        Smallest wavenumber times spacing of the waves that it stops.
-    lowest : float
-        Smallest eigenvalue of the symbol for these waves.
-    whole : bool
-        Whether the waves themselves are damped, not only their velocity.
-    """
-
+    #: Orders of the filter ``I_y(rise, fall)``.
     rise: int
     fall: int
+    #: Damping rate over sigma.
     strength: float
+    #: Smallest wavenumber times spacing of the waves that it stops.
     first: float
+    #: Smallest eigenvalue of the symbol for these waves.
     lowest: float = 0.0
+    #: Whether the waves themselves are damped, not only their velocity.
     whole: bool = False
 
     @property
@@ -88,9 +79,9 @@ class HighPass:
         """Whether waves longer than two nodes are at rest, too."""
         return self.whole and self.strength == _WHOLE[1][1]
 
-    def passed(self, angle: np.ndarray | float) -> np.ndarray:
-        """Share of a wave that the filter passes, for wavenumbers times spacing along one axis."""
-        return np.asarray(special.betainc(self.rise, self.fall, np.sin(np.asarray(angle) / 2) ** 2))
+    def passed(self, angles: np.ndarray | float) -> np.ndarray:
+        """Fraction of a wave that the filter passes, for wavenumbers times spacing along one axis."""
+        return np.asarray(special.betainc(self.rise, self.fall, np.sin(np.asarray(angles) / 2) ** 2))
 
     def taps(self) -> np.ndarray:
         """Weights of the filter on the lattice: of the node itself, of its two nearest neighbours, and so on, shape
@@ -105,18 +96,11 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     """The filter that stops all backward waves of a stencil and damps resolved waves least; None if there are no
     backward waves.
 
-    Parameters
-    ----------
-    stencil : Stencil
-
-    Returns
-    -------
-    HighPass or None
-        Waves that stand still count as backward waves. Among all filters of one length that require a rate of at most
-        0.6 sigma (sharp ones 0.95), or little more than the smallest sufficient one, the filter that least damps waves
-        at 60 % of the first such wavenumber. Where a very low rate is sufficient, a filter of three neighbours, which
-        costs less and disturbs the waves that a thin layer must absorb less. For materials with zero-energy modes, a
-        filter for the waves themselves.
+    Waves that stand still count as backward waves. Among all filters of one length that require a rate of at most 0.6
+    sigma (sharp ones 0.95), or little more than the smallest sufficient one, the filter that least damps waves at 60 %
+    of the first such wavenumber. Where a very low rate is sufficient, a filter of three neighbours, which costs less
+    and disturbs the waves that a thin layer must absorb less. For materials with zero-energy modes, a filter for the
+    waves themselves.
     """
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
@@ -139,13 +123,13 @@ def high_pass(stencil: Stencil) -> HighPass | None:
         return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
 
     filters = [HighPass(rise, count + 1 - rise, 1.0, first, lowest) for rise in range(1, count + 1)]
-    rates = [rate_of(one) for one in filters]
+    rates = [rate_of(candidate) for candidate in filters]
     enough = max(most, _OVER_LEAST * min(rates))
-    gentle = [(one, rate) for one, rate in zip(filters, rates, strict=True) if rate <= enough]
+    gentle = [(candidate, rate) for candidate, rate in zip(filters, rates, strict=True) if rate <= enough]
     chosen, rate = min(gentle, key=lambda pair: pair[1] * float(pair[0].passed(min(_RESOLVED * first, 1.0))))
     if rate > _SLOW:
-        share, strength = _WHOLE[rate > _STILL]
-        rise = round((sharp + 1) * float(np.sin(min(share * first, np.pi) / 2) ** 2))
+        ratio, strength = _WHOLE[rate > _STILL]
+        rise = round((sharp + 1) * float(np.sin(min(ratio * first, np.pi) / 2) ** 2))
         return HighPass(rise, sharp + 1 - rise, strength, first, lowest, True)
     if _MARGIN * rate <= _WEAK:
         short = HighPass(*_SHORT, 1.0, first, lowest)

@@ -19,7 +19,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from farhorizon.analysis.layers.choice import rising_alpha
+from farhorizon.analysis.layers.profiles import rising_alpha
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil

@@ -1,8 +1,7 @@
-"""Solutions of the classical heat equation: the slab, products of slabs, the half-space, the infinite medium, the line
-source.
+"""Solutions of the classical heat equation: the slab, and the line source in the infinite medium.
 
 Series are truncated where a bound of the remainder falls below the target error. Lengths, times and temperatures are in
-any consistent units. Carslaw and Jaeger (1959), chapters 2, 3 and 10; Bobaru and Duangpanya (2010), eqs 31 to 44, with
+any consistent units. Carslaw and Jaeger (1959), chapters 3 and 10; Bobaru and Duangpanya (2010), eqs 31 to 44, with
 the misprints of eqs 33, 38, 39 and 43 corrected.
 """
 
@@ -18,20 +17,13 @@ from scipy import special
 
 from farhorizon.errors import InputError
 
-_MOST_TERMS = 2_000_000
+_MOST_TERMS = 2_000_000  # of a series: some seconds
 _BLOCK = 1 << 20  # numbers in one table of eigenfunctions
 
 
 @dataclass(frozen=True)
 class End:
-    """Condition at one end of a slab.
-
-    Parameters
-    ----------
-    value : float
-        Temperature, or the slope dT/dx if `slope` is set: 0 for an insulated end.
-    slope : bool
-    """
+    """Condition at one end of a slab: a temperature, or the slope dT/dx if `slope` is set, 0 for an insulated end."""
 
     value: float = 0.0
     slope: bool = False
@@ -39,19 +31,8 @@ class End:
 
 @dataclass(frozen=True)
 class Slab:
-    """Slab ``0 < x < length`` whose ends are kept at a temperature or at a slope, with a piecewise constant start.
-
-    Parameters
-    ----------
-    length, diffusivity : float
-    pieces : sequence of (float, float, float)
-        (lower, upper, temperature) at the start; 0 elsewhere.
-    left, right : End
-
-    Raises
-    ------
-    InputError
-        The length or the diffusivity is not positive, or a piece does not lie in the slab.
+    """Slab ``0 < x < length`` whose ends are kept at a temperature or at a slope; at the start the pieces (lower,
+    upper, temperature) are at a temperature, and all else is at 0.
     """
 
     length: float
@@ -75,15 +56,8 @@ class Slab:
                 )
 
     def temperature(self, x: ArrayLike, t: float, error: float = 1e-13) -> np.ndarray:
-        """Temperature at positions x, shape of x.
-
-        Parameters
-        ----------
-        x : array_like
-        t : float
-            At 0 the result is the start itself, between two pieces their mean.
-        error : float
-            Bound of the truncation error of the series, relative to the mean of |start less steady state|.
+        """Temperature at positions x, shape of x; at t = 0 the start itself, between two pieces their mean. The
+        truncation error of the series is at most `error` relative to the mean of |start less steady state|.
         """
         return self._sum(np.asarray(x, float), t, error, 0)
 
@@ -137,10 +111,10 @@ class Slab:
                     )
             return np.where(flat, (high ** (power + 1) - low ** (power + 1)) / (power + 1), total)
 
-        whole = sum((value * integral(0, low, high) for low, high, value in self.pieces), np.zeros(k.shape, complex))
-        whole = whole - sum(c * integral(j, 0.0, self.length) for j, c in enumerate(polynomial))
-        share = np.where(flat, 1.0, 2.0) / self.length
-        return share * (whole.real if self.left.slope else whole.imag)
+        moments = sum((value * integral(0, low, high) for low, high, value in self.pieces), np.zeros(k.shape, complex))
+        moments = moments - sum(c * integral(j, 0.0, self.length) for j, c in enumerate(polynomial))
+        norm = np.where(flat, 1.0, 2.0) / self.length
+        return norm * (moments.real if self.left.slope else moments.imag)
 
     def _terms(self, t: float, error: float, derivative: int) -> int:
         """Number of terms after which the bound ``sum of 2 (k length)^derivative exp(-diffusivity k^2 t)`` is below the
@@ -188,68 +162,6 @@ class Slab:
             else:
                 series += (-np.sin(angle) if self.left.slope else np.cos(angle)) @ (strength * k)
         return total + series.reshape(x.shape)
-
-
-def box(slabs: Sequence[Slab], axes: Sequence[ArrayLike], t: float, error: float = 1e-13) -> np.ndarray:
-    """Temperature of a rectangle or a block as the product of slabs, shape (len(axes[0]), len(axes[1]), ..).
-
-    Parameters
-    ----------
-    slabs : sequence of Slab
-        One per axis; their ends must be at temperature 0 or insulated, so that the product of the solutions is the
-        solution for the product of the starts (Carslaw and Jaeger, section 1.15).
-    axes : sequence of array_like
-    t, error : float
-
-    Raises
-    ------
-    InputError
-        An end has a nonzero value.
-    """
-    for slab in slabs:
-        if slab.left.value or slab.right.value:
-            raise InputError(
-                "a product of slabs is a solution only if their ends are at 0 or insulated",
-                value=(slab.left, slab.right),
-                key="slabs",
-                remedy="subtract the steady state",
-            )
-    total = np.ones(())
-    for slab, x in zip(slabs, axes, strict=True):
-        total = np.multiply.outer(total, slab.temperature(x, t, error))
-    return total
-
-
-def half_space(x: ArrayLike, t: float, diffusivity: float, surface: float = 0.0, initial: float = 1.0) -> np.ndarray:
-    """Half-space x > 0, initially at `initial`, whose surface is kept at `surface` from t = 0 on."""
-    return surface + (initial - surface) * special.erf(np.asarray(x, float) / np.sqrt(4 * diffusivity * t))
-
-
-def half_space_flux(x: ArrayLike, t: float, diffusivity: float, conductivity: float, flux: float) -> np.ndarray:
-    """Half-space x > 0, initially at 0, with a constant flux into it at x = 0 (Carslaw and Jaeger, 2.9)."""
-    scaled = np.asarray(x, float) / np.sqrt(4 * diffusivity * t)
-    return (
-        flux
-        / conductivity
-        * np.sqrt(4 * diffusivity * t)
-        * (np.exp(-(scaled**2)) / np.sqrt(np.pi) - scaled * special.erfc(scaled))
-    )
-
-
-def half_space_convection(
-    x: ArrayLike, t: float, diffusivity: float, conductivity: float, transfer: float
-) -> np.ndarray:
-    """Half-space x > 0, initially at 0, next to a fluid at 1, with a heat transfer coefficient (Carslaw and Jaeger,
-    2.7)."""
-    x = np.asarray(x, float)
-    scaled, biot = x / np.sqrt(4 * diffusivity * t), transfer / conductivity * np.sqrt(diffusivity * t)
-    return special.erfc(scaled) - np.exp(-(scaled**2)) * special.erfcx(scaled + biot)
-
-
-def gaussian(r: ArrayLike, t: float, diffusivity: float, width: float, dim: int) -> np.ndarray:
-    """Infinite medium that starts as ``exp(-(r / width)^2)``, in 1 to 3 dimensions."""
-    spread = width**2 + 4 * diffusivity * t
-    return (width**2 / spread) ** (dim / 2) * np.exp(-(np.asarray(r, float) ** 2) / spread)
 
 
 def line_source(

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.references.infinite import largest_speed
+from farhorizon.analysis.references.infinite import wave_travel
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Integrator, Verlet
@@ -21,34 +21,19 @@ _FAINT = 1e-20  # weights below this part of the largest are rounding
 
 @dataclass(frozen=True)
 class Scheme:
-    """A uniform medium and its time integration, as one operator per step.
-
-    Attributes
-    ----------
-    stencil : Stencil
-    rate : float
-        Factor on the stencil, ``coefficient / spacing^2``; 1 where the stencil is that of a whole step.
-    recursion : Recursion
-    dt : float
-    order : int
-        Order of the equation in time.
-    """
+    """A uniform medium and its time integration, as one operator per step."""
 
     stencil: Stencil
-    rate: float
+    rate: float  # factor on the stencil, ``coefficient / spacing^2``; 1 where the stencil is that of a whole step
     recursion: Recursion
     dt: float
-    order: int
+    order: int  # of the equation in time
 
     @classmethod
     def of(cls, stencil: Stencil, rate: float, integrator: Integrator, dt: float, damping: float = 0.0) -> Scheme:
         """The scheme of an integrator. A step of several stages is represented as one of forward Euler with its
-        polynomial of the operator, whose reach is that of the stencil times the number of stages.
-
-        Raises
-        ------
-        InputError
-            There are so many stages that the polynomial couples too many nodes.
+        polynomial of the operator, whose reach is that of the stencil times the number of stages; an InputError if it
+        couples too many nodes.
         """
         if isinstance(integrator, Verlet):
             return cls(stencil, rate, Recursion.of(integrator, dt, damping), dt, 2)
@@ -71,41 +56,28 @@ class Scheme:
         weights = table.ravel()
         used = offsets.any(1) & (np.abs(weights) > _FAINT * np.abs(weights).max())
         growth = float(integrator.growth(np.array(rate * stencil.reaction), dt))
-        whole = Stencil(offsets[used], weights[used], max(1 - growth, 0.0))
-        return cls(whole, 1.0, Recursion(0.0, 1.0, 1.0), dt, 1)
+        step = Stencil(offsets[used], weights[used], max(1 - growth, 0.0))
+        return cls(step, 1.0, Recursion(0.0, 1.0, 1.0), dt, 1)
 
     def travel(self, steps: int) -> float:
         """Number of nodes that a disturbance has travelled after some steps, apart from what is below rounding."""
         if self.order == 2:
-            found = largest_speed(self.stencil) * np.sqrt(self.rate) * steps * self.dt
-            found += 20 * max(self.stencil.reach) + 10 * np.cbrt(found)  # the front has an Airy tail ahead of it
+            distance = wave_travel(self.stencil, self.rate, steps, self.dt)
         else:
             spread = 0.5 * self.stencil.weights @ self.stencil.offsets.astype(float) ** 2
-            found = 13 * np.sqrt(self.rate * self.recursion.scale * spread.max() * steps) + 12 * max(self.stencil.reach)
+            distance = 13 * np.sqrt(self.rate * self.recursion.scale * spread.max() * steps) + 12 * max(
+                self.stencil.reach
+            )
         # a step carries no farther than the stencil reaches
-        return float(min(found, steps * max(self.stencil.reach)))
+        return float(min(distance, steps * max(self.stencil.reach)))
 
 
 class DrivenLattice:
-    """The field that forces radiate on the infinite lattice, exactly as the fully discrete scheme computes it.
+    """The field at `receivers` (P, dim) that forces on `nodes` (W, dim) radiate on the infinite lattice in up to `last`
+    steps, exactly as the fully discrete scheme computes it.
 
     Each Fourier mode of a periodic lattice is advanced separately, and the lattice is so large that nothing that wraps
-    around reaches a receiver by the last step.
-
-    Parameters
-    ----------
-    scheme : Scheme
-    last : int
-        Number of steps.
-    nodes : ndarray of int, shape (W, dim)
-        Nodes on which forces act.
-    receivers : ndarray of int, shape (P, dim)
-        Nodes at which the field is computed.
-
-    Raises
-    ------
-    InputError
-        The periodic lattice does not fit into memory.
+    around reaches a receiver by the last step; an InputError if it does not fit into memory.
 
     Examples
     --------
@@ -137,40 +109,32 @@ class DrivenLattice:
         self._receivers = (receivers - low) % self.box
 
     def field(self, forces: Iterable[np.ndarray]) -> np.ndarray:
-        """The field at the receivers at the start, where it is zero, and after each step.
-
-        Parameters
-        ----------
-        forces : iterable of ndarray, shape (components * W,), components first
-            Forces at each step, one array for each.
-
-        Returns
-        -------
-        ndarray, shape (steps + 1, P[, components])
+        """The field at the receivers at the start, where it is zero, and after each step, shape (steps + 1, P[,
+        components]); from the forces at each step, (components * W,), components first.
         """
-        found = np.zeros((self._last + 1, self._components, len(self._receivers)))
+        field = np.zeros((self._last + 1, self._components, len(self._receivers)))
         spectrum = (self._components, *self._pull.shape[-len(self.box) :])
         value, increment = np.zeros(spectrum, complex), np.zeros(spectrum, complex)
         for step, force in enumerate(forces):
-            share = self._recursion.scale * (1.0 if step else self._recursion.first)
+            scaled = self._recursion.scale * (1.0 if step else self._recursion.first)
             increment *= self._recursion.keep
-            increment += self._spectrum(share * force)
+            increment += self._spectrum(scaled * force)
             if self._components == 1:
                 increment -= self._pull * value
             else:
                 increment -= np.einsum("ij...,j...->i...", self._pull, value)
             value += increment
-            found[step + 1] = self._seen(value)
-        return found[:, 0] if self._components == 1 else found.swapaxes(1, 2)
+            field[step + 1] = self._seen(value)
+        return field[:, 0] if self._components == 1 else field.swapaxes(1, 2)
 
     def _spectrum(self, force: np.ndarray) -> np.ndarray:
         """Fourier coefficients of forces on the nodes, axis by axis, because all but a few rows are zero."""
         block = np.zeros((self._components, *self._shape))
         block[(slice(None), *self._nodes)] = force.reshape(self._components, -1)
-        found = fft.rfft(block, self.box[-1])
+        spectrum = fft.rfft(block, self.box[-1])
         for axis, count in enumerate(self.box[:-1]):
-            found = fft.fft(found, count, axis=axis + 1)
-        return found
+            spectrum = fft.fft(spectrum, count, axis=axis + 1)
+        return spectrum
 
     def _seen(self, value: np.ndarray) -> np.ndarray:
         """The field at the receivers, shape (components, P), axis by axis, because only a few rows are needed."""

@@ -69,9 +69,9 @@ class FullSpace:
         along = np.outer(g, g)
         near, p, s = (3 * along - eye) @ force / r**3, along @ force / r, (along - eye) @ force / r
         fast, slow = signal(times - r / self.p_speed), signal(times - r / self.s_speed)
-        found = np.multiply.outer(near, self._between(r, times, signal))
-        found += np.multiply.outer(p / self.p_speed**2, fast) - np.multiply.outer(s / self.s_speed**2, slow)
-        return np.asarray(found / (4 * np.pi * self.density))
+        displacement = np.multiply.outer(near, self._between(r, times, signal))
+        displacement += np.multiply.outer(p / self.p_speed**2, fast) - np.multiply.outer(s / self.s_speed**2, slow)
+        return np.asarray(displacement / (4 * np.pi * self.density))
 
     def of_moment(
         self, at: np.ndarray, times: np.ndarray, moment: np.ndarray, signal: Signal, scale: float
@@ -95,16 +95,16 @@ class FullSpace:
         r, g = float(np.linalg.norm(at)), at / np.linalg.norm(at)
         pushed, trace = moment @ g, float(np.trace(moment))
         radial = float(g @ pushed) * g  # g_n g_p g_q M_pq
-        rest = trace * g + 2 * pushed  # (g_n d_pq + g_p d_nq + g_q d_np) M_pq
+        remainder = trace * g + 2 * pushed  # (g_n d_pq + g_p d_nq + g_q d_np) M_pq
         p, s, rho, step = self.p_speed, self.s_speed, self.density, _RATE * scale
 
         def rate(t: np.ndarray) -> np.ndarray:
             return np.asarray((signal(t + step) - signal(t - step)) / (2 * step))
 
         terms = [
-            ((15 * radial - 3 * rest) / r**4, self._between(r, times, signal)),
-            ((6 * radial - rest) / (p**2 * r**2), signal(times - r / p)),
-            (-(6 * radial - rest - pushed) / (s**2 * r**2), signal(times - r / s)),
+            ((15 * radial - 3 * remainder) / r**4, self._between(r, times, signal)),
+            ((6 * radial - remainder) / (p**2 * r**2), signal(times - r / p)),
+            (-(6 * radial - remainder - pushed) / (s**2 * r**2), signal(times - r / s)),
             (radial / (p**3 * r), rate(times - r / p)),
             (-(radial - pushed) / (s**3 * r), rate(times - r / s)),
         ]

@@ -21,17 +21,17 @@ def largest_speed(stencil: Stencil) -> float:
     return float(np.sqrt(np.max(np.where(omega > 1e-6, squared, 1.0))))
 
 
-def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
-    """Nodes by which a domain must be larger on each open side so that nothing returns to the near field.
+def wave_travel(stencil: Stencil, rate: float, steps: int, dt: float) -> float:
+    """Nodes over which waves travel in some steps, apart from what is below rounding: the front has an Airy tail ahead
+    of it, whose width grows as the cube root of its way.
+    """
+    front = largest_speed(stencil) * np.sqrt(rate) * steps * dt
+    return float(front + (20 * max(stencil.reach) + 10 * np.cbrt(front)))
 
-    Parameters
-    ----------
-    stencil : Stencil
-    rate : float
-        The largest ``coefficient / spacing^2``.
-    order : {1, 2}
-        Order of the equation in time.
-    until : float
+
+def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
+    """Nodes by which a domain must be larger on each open side so that nothing returns to the near field until the end
+    of a run; `rate` is the largest ``coefficient / spacing^2``.
     """
     distance = 0.5 * until * np.sqrt(rate) * largest_speed(stencil) if order == 2 else 6 * np.sqrt(rate * until)
     distance += stencil.drift * rate * until
@@ -39,28 +39,12 @@ def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
 
 
 class InfiniteLattice:
-    """States of the scheme on the infinite lattice, for data that vanish outside a box.
+    """States of the scheme on the infinite lattice after up to `last` steps, for initial values u (less the background)
+    and v that vanish outside a box; for vectors the components come first.
 
     The update is diagonal in Fourier space; the periodic box is so large that nothing that wraps around returns in time
-    (waves) or exceeds rounding (diffusion).
-
-    Parameters
-    ----------
-    stencil : Stencil
-    rate : float
-        Factor on the stencil, ``coefficient / spacing^2``.
-    integrator : Verlet, Euler or RungeKutta4
-    dt : float
-    last : int
-        Largest number of steps that will be requested.
-    u, v : ndarray
-        Initial values (less the background) and velocities; for vectors the components come first.
-    damping : float
-
-    Raises
-    ------
-    InputError
-        The time is so late that the box does not fit into memory.
+    (waves) or exceeds rounding (diffusion); an InputError if it does not fit into memory. `rate` is the factor on the
+    stencil, ``coefficient / spacing^2``.
     """
 
     def __init__(
@@ -76,9 +60,9 @@ class InfiniteLattice:
     ) -> None:
         self.integrator, self.dt, self.last, self.shape = integrator, dt, last, u.shape[-stencil.dim :]
         if isinstance(integrator, Verlet):
-            travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
-            travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
+            travel = wave_travel(stencil, rate, last, dt)
         else:
+            # a field that diffuses has fallen to exp(-13^2/4) = 4e-19 there
             travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach) + stencil.drift * rate * last * dt
         self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
         if 16 * 8 * stencil.components**2 * float(np.prod(self.box)) > available_memory():
@@ -112,8 +96,8 @@ class InfiniteLattice:
 
     def _transform(self, field: np.ndarray) -> np.ndarray:
         """Fourier coefficients; for vectors those of the modes."""
-        found = fft.rfftn(field, self.box, axes=range(-len(self.box), 0))
-        return found if self.modes is None else np.einsum("...ij,i...->j...", self.modes.conj(), found)
+        coefficients = fft.rfftn(field, self.box, axes=range(-len(self.box), 0))
+        return coefficients if self.modes is None else np.einsum("...ij,i...->j...", self.modes.conj(), coefficients)
 
     def after(self, steps: int) -> np.ndarray:
         """The state after a number of steps, in the shape of the data."""

@@ -14,26 +14,22 @@ from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
 
 _SAMPLES = 1024  # wavenumbers at which a branch is sampled before its equation is solved
-_NEWTON = 8
+_NEWTON = 8  # steps from an interpolated start, whose error each of them squares
 _LONG = 1e-5  # below this wavenumber times spacing, polarisations are those of this wave
-_LOST = 1e-12  # frequencies below this share of the largest amplitude are left out
+_LOST = 1e-12  # frequencies below this part of the largest amplitude are left out
 _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
 # largest part of the signal, relative to its largest value, at frequencies that the lattice does not carry, which is
 # left out
 _CARRIED = 1e-2
 _MOST_STEPS = 10**7  # of a signal: more than a pulse has, and few enough samples for memory
-_LATE = 1e-10  # frequencies above this share must have passed before the pulse is over
+_LATE = 1e-10  # frequencies above this part of the largest must have passed before the pulse is over
 # interpolation in space: nodes per radian of the shortest wave, and nodes used for a value
 _GRID, _POINTS = 6.0, 14
 
 
 def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.ndarray:
-    """Samples of a signal at the time steps within its duration.
-
-    Raises
-    ------
-    InputError
-        The signal is not finite, or zero, or lasts too many steps.
+    """Samples of a signal at the time steps within its duration; an InputError if it is not finite, or zero, or lasts
+    too many steps.
     """
     if not duration <= _MOST_STEPS * dt:
         raise InputError(
@@ -65,7 +61,7 @@ def harmonics(samples: np.ndarray, dt: float, count: int) -> tuple[np.ndarray, n
     return 2 * np.pi * np.arange(spectrum.size) / (count * dt), spectrum
 
 
-def felt(amplitudes: np.ndarray) -> np.ndarray:
+def significant(amplitudes: np.ndarray) -> np.ndarray:
     """Which of the waves of a pulse are large enough not to be left out."""
     return np.asarray(np.abs(amplitudes) > _LOST * np.abs(amplitudes).max())
 
@@ -93,43 +89,26 @@ class PlanePulse:
     """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and
     of velocity Verlet.
 
-    At x0 it is the signal to rounding. For vectors it is the signal times the polarisation, except for the part of the
-    latter that belongs to waves of the other type, since on a lattice P and S waves are polarised only approximately
-    along and across the direction. It is periodic with `period`, by which time it has passed the distance for which it
-    was made.
+    At x0 it is the signal, a function of t that is zero outside 0 to `duration`, to rounding. For vectors it is the
+    signal times the polarisation, except for the part of the latter that belongs to waves of the other type, since on a
+    lattice P and S waves are polarised only approximately along and across the direction. It is periodic with `period`,
+    by default the time in which all significant waves pass `distance`. An InputError for a signal that is not finite,
+    or has frequencies that the lattice does not carry.
 
     Parameters
     ----------
-    stencil : Stencil
-        Scaled by ``coefficient / spacing^2``.
-    coefficient, spacing, dt : float
-    direction : ndarray, shape (dim,)
-        Unit vector n.
-    polarisation : ndarray, shape (dim,), or None
-        Unit vector of the displacement, for vector fields: along the direction for P waves, else at right angles to it.
-    signal : callable
-        Function of t, zero outside 0 to `duration`.
-    duration, distance : float
-    period : float, optional
-        By default, the time in which all significant waves pass.
+    stencil : Stencil, scaled by ``coefficient / spacing^2``
+    direction : (dim,), unit vector n
+    polarisation : (dim,) or None, unit vector of the displacement of vectors: along the direction for P waves, else at
+        right angles to it
 
     Attributes
     ----------
-    frequencies, wavenumbers : ndarray, shape (M,)
-    amplitudes : ndarray of complex, shape (M,)
-    polarisations : ndarray, shape (M, components)
-    period : float
-    speed : float
-        Group speed of the longest wave.
-    distance : float
-    lost : float
-        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is left
-        out.
-
-    Raises
-    ------
-    InputError
-        The signal is not finite, or has frequencies that the lattice does not carry.
+    frequencies, wavenumbers, amplitudes : (M,)
+    polarisations : (M, components)
+    speed : group speed of the longest wave
+    lost : part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is
+        left out
     """
 
     def __init__(
@@ -162,16 +141,16 @@ class PlanePulse:
     def _set_waves(self, samples: np.ndarray, count: int) -> None:
         """Determine the waves whose sum is the signal, followed by zeros, over `count` steps."""
         frequencies, spectrum = harmonics(samples, self.dt, count)
-        wanted = 2 / (self.dt * self._rate) * np.sin(frequencies * self.dt / 2)
+        roots = 2 / (self.dt * self._rate) * np.sin(frequencies * self.dt / 2)
         most = min(branch.most for branch in self._branches)
-        above = wanted >= most
+        above = roots >= most
         self.lost = float(np.abs(spectrum[above]).sum() / np.abs(samples).max())
         check_lost(self.lost, 2 / self.dt * np.arcsin(min(most * self.dt * self._rate / 2, 1.0)))
-        used = ~above & felt(spectrum)
+        used = ~above & significant(spectrum)
         self.period = count * self.dt
         self.frequencies = np.tile(frequencies[used], len(self._branches))
         self.amplitudes = np.tile(spectrum[used], len(self._branches))
-        angles, slopes, polarisations = zip(*(branch.solve(wanted[used]) for branch in self._branches), strict=True)
+        angles, slopes, polarisations = zip(*(branch.solve(roots[used]) for branch in self._branches), strict=True)
         self.wavenumbers = np.concatenate(angles) / self.spacing
         self._slopes, self.polarisations = np.concatenate(slopes), np.concatenate(polarisations)
 
@@ -197,37 +176,27 @@ class PlanePulse:
 
 @dataclass(frozen=True, eq=False)
 class TravellingWaves:
-    """``u = sum_j Re S_j(row) exp(i (w_j t - k_j s))``: waves along a line s, each with a shape across it.
+    """``u = sum_j Re S_j(row) exp(i (w_j t - k_j s))``: waves along a line s, each with a shape across it."""
 
-    Attributes
-    ----------
-    frequencies, wavenumbers : ndarray, shape (M,)
-    shapes : ndarray of complex, shape (M, rows, components)
-    spacing : float
-    """
-
-    frequencies: np.ndarray
-    wavenumbers: np.ndarray
-    shapes: np.ndarray
+    frequencies: np.ndarray  # (M,)
+    wavenumbers: np.ndarray  # (M,)
+    shapes: np.ndarray  # (M, rows, components)
     spacing: float
 
     def at(self, places: np.ndarray, rows: np.ndarray | None = None) -> Callable[[float], np.ndarray]:
         """The displacement at places s, shape (n,), and rows, by default the first: a function of t with values of
-        shape (components, n).
+        shape (components, n); an InputError if the waves do not fit into memory.
 
         If there are many places, the waves are summed on a line of points, and interpolated.
-
-        Raises
-        ------
-        InputError
-            The waves at all places do not fit into memory.
         """
         from scipy import sparse
 
         rows = np.zeros(places.size, int) if rows is None else rows
         used, row = np.unique(rows, return_inverse=True)
         label = np.round(places / (1e-9 * self.spacing)).astype(np.int64)
-        pairs, first_of, which = np.unique(np.stack([label, row], -1), axis=0, return_index=True, return_inverse=True)
+        pairs, first_of, index_of = np.unique(
+            np.stack([label, row], -1), axis=0, return_index=True, return_inverse=True
+        )
         line, at_rows = places[first_of], row[first_of]
         step = 1 / (_GRID * max(np.abs(self.wavenumbers).max(initial=0), 1e-9 / self.spacing))
         low, high = line.min(initial=0), line.max(initial=0)
@@ -239,9 +208,9 @@ class TravellingWaves:
             index = index + row[:, None] * points.size
             line, at_rows = np.tile(points, used.size), np.repeat(np.arange(used.size), points.size)
         else:
-            index, weights = which.reshape(-1, 1), np.ones((places.size, 1))
+            index, weights = index_of.reshape(-1, 1), np.ones((places.size, 1))
         start = np.arange(0, index.size + 1, index.shape[1])
-        taken = sparse.csr_array((weights.ravel(), index.ravel(), start), shape=(places.size, line.size)).T
+        interpolation = sparse.csr_array((weights.ravel(), index.ravel(), start), shape=(places.size, line.size)).T
         components, count = self.shapes.shape[2], len(self.frequencies)
         need = 16.0 * count * components * line.size
         if need > available_memory() / 2:
@@ -260,8 +229,8 @@ class TravellingWaves:
 
         def values(t: float) -> np.ndarray:
             phase = self.frequencies * t
-            found = (np.cos(phase) @ real - np.sin(phase) @ imaginary).reshape(components, line.size)
-            return np.asarray(found @ taken)
+            displacement = (np.cos(phase) @ real - np.sin(phase) @ imaginary).reshape(components, line.size)
+            return np.asarray(displacement @ interpolation)
 
         return values
 
@@ -272,15 +241,11 @@ def _count(polarisation: np.ndarray | None, direction: np.ndarray) -> int:
 
 
 class _Branch:
-    """One branch of the symbol along a direction, from k = 0 to where its waves become slow.
+    """One branch of the symbol along a direction, from k = 0 to where its waves become slow; `most` is the root of its
+    largest value.
 
     For vectors it is the P wave, whose displacement is most nearly along the direction, or one of the others, by
     `number` in the order of their frequencies.
-
-    Attributes
-    ----------
-    most : float
-        Root of the largest value.
     """
 
     def __init__(self, stencil: Stencil, direction: np.ndarray, polarisation: np.ndarray | None, number: int) -> None:
@@ -300,14 +265,14 @@ class _Branch:
         if self._polarisation is None:
             return np.where(moves, symbol, 0), slope, np.ones((angle.size, 1))
         values, modes = np.linalg.eigh(symbol)
-        fast = np.abs(np.einsum("mij,i->mj", modes.conj(), self._direction)).argmax(1)
+        chosen = np.abs(np.einsum("mij,i->mj", modes.conj(), self._direction)).argmax(1)
         if abs(self._polarisation @ self._direction) < 0.5:
-            slow = np.array(
-                [[i for i in range(self._direction.size) if i != one] for one in range(self._direction.size)]
+            slower = np.array(
+                [[i for i in range(self._direction.size) if i != fastest] for fastest in range(self._direction.size)]
             )
-            fast = slow[fast, self._number]
-        mode = np.take_along_axis(modes, fast[:, None, None], 2)[..., 0]
-        value = np.take_along_axis(values, fast[:, None], 1)[:, 0]
+            chosen = slower[chosen, self._number]
+        mode = np.take_along_axis(modes, chosen[:, None, None], 2)[..., 0]
+        value = np.take_along_axis(values, chosen[:, None], 1)[:, 0]
         slope = np.einsum("mi,mij,mj->m", mode.conj(), slope, mode).real
         return np.where(moves, value, 0), slope, mode * (mode.conj() @ self._polarisation)[:, None]
 
@@ -332,6 +297,6 @@ def _lagrange(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     nodes = np.arange(_POINTS)
     weights = np.ones_like(difference)
     for j in nodes:
-        others = nodes[nodes != j]
-        weights[:, j] = np.prod(difference[:, others] / (j - others), axis=1)
+        other_nodes = nodes[nodes != j]
+        weights[:, j] = np.prod(difference[:, other_nodes] / (j - other_nodes), axis=1)
     return index, weights

@@ -17,23 +17,11 @@ _DECAYED = 40.0  # exp(-40) is below rounding
 
 
 def radial_wave(r: ArrayLike, t: ArrayLike, speed: float, amplitude: float = 1.0, width: float = 1.0) -> np.ndarray:
-    """Radial displacement of the local medium.
+    """Radial displacement of the local medium at distances r from the axis and times t (broadcast), for the
+    longitudinal speed c, with b = `amplitude` and a = `width`.
 
     It is Wildman and Gazonas (2012), eq. 3-3, read as ``b r / (sqrt(2) a R^6) sqrt(R^2 + alpha) (2 alpha - R^2)``. As
     printed, with the last factor under the root, it neither has the initial value nor is a solution.
-
-    Parameters
-    ----------
-    r, t : array_like
-        Distance from the axis and time (broadcast).
-    speed : float
-        Longitudinal wave speed c.
-    amplitude, width : float
-        b and a.
-
-    Returns
-    -------
-    ndarray
     """
     scaled = (np.asarray(r, float) / width) ** 2
     turn = np.asarray(t, float) * speed / width
@@ -55,20 +43,7 @@ def nonlocal_radial_wave(
     width: float = 1.0,
 ) -> np.ndarray:
     """Radial displacement of a nonlocal medium whose gradient has the symbol g, ``integral of k b a^2 exp(-k a) J1(k r)
-    cos(c g(k) t) dk``.
-
-    Parameters
-    ----------
-    r, t : array_like
-        Broadcast.
-    speed, amplitude, width : float
-        As for `radial_wave`.
-    symbol : callable
-        g(k), e.g. `gaussian_symbol`; the identity gives `radial_wave`.
-
-    Returns
-    -------
-    ndarray
+    cos(c g(k) t) dk``; arguments as for `radial_wave`, which the identity gives.
     """
     r, t = np.broadcast_arrays(np.asarray(r, float), np.asarray(t, float))
     last = _DECAYED / width
@@ -89,8 +64,3 @@ def gaussian_symbol(width: float) -> Callable[[np.ndarray], np.ndarray]:
     """Symbol ``k exp(-(k width)^2 / 4)`` of the gradient with influence function ``exp(-(r/width)^2)``, in the
     plane."""
     return lambda k: k * np.exp(-((k * width) ** 2) / 4)
-
-
-def constant_symbol(horizon: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Symbol ``8 J2(k horizon) / (k horizon^2)`` of the gradient with a constant influence function, in the plane."""
-    return lambda k: 8 * special.jv(2, k * horizon) / (k * horizon**2)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.boundaries.neighbour import Neighbour
+from farhorizon.boundaries.plain import Neighbour
 from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, decompose

@@ -11,7 +11,7 @@ from farhorizon.analysis.fracture.crack_paths import CrackPaths, find_cracks, fo
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordRequest, StepValues, recorder_name
+from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.time.breaking import Breaking
 
@@ -19,7 +19,7 @@ _JUMP = 2.0  # horizon + distance of the fastest wave between records, times thi
 _WINDOW = 10.0  # horizons travelled by the fastest wave while measuring a speed: tips are located to a fraction of one
 
 
-class CrackTips(Recorder):
+class CrackTips(RowRecorder):
     """Crack tips in 2D while bonds break; passed to a run in ``observe=[...]``. In 3D those of a slab one node thick,
     in the plane of its other two axes.
 
@@ -74,18 +74,16 @@ class CrackTips(Recorder):
     shared = True
 
     def __init__(self, every: int = 20, most: int = 7, name: str = "crack_tips") -> None:
+        super().__init__(name)
         self.every = kinds.integer(every, "crack_tips.every", least=1)
         self.most = kinds.integer(most, "crack_tips.most", least=1, most=1000)
-        self.name = recorder_name(name)
-        self.notes: list[str] = []
         self.points = np.arange(1.0, self.most + 1)[:, None]
         self._nowhere = np.full((self.most, 2), np.nan)
         self.now = CrackPaths(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)), [])
-        self._dt = self._horizon = self._reach = self._window = 0.0
-        self._given = 0
-        self._steps: list[int] = []
-        self._places: list[np.ndarray] = []
-        self._sums: list[tuple[float, float]] = []
+        self._horizon = self._reach = self._window = 0.0
+        self._none = {"places": np.zeros((0, self.most, 2)), "sums": np.zeros((0, 2))}
+        self._written = 0  # rows that a file has
+        self._begin_rows(self._none)
 
     def __repr__(self) -> str:
         return f"CrackTips(every={self.every})"
@@ -93,14 +91,9 @@ class CrackTips(Recorder):
     # --- what was recorded -------------------------------------------------------------------------------------
 
     @property
-    def times(self) -> np.ndarray:
-        """Times at which the rows were recorded, shape (rows,)."""
-        return np.array(self._steps, float) * self._dt
-
-    @property
     def data(self) -> dict[str, np.ndarray]:
         """Positions, advances and speeds."""
-        places = np.array(self._places).reshape(-1, self.most, 2)
+        places = super().data["places"]
         steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)
         advance = np.concatenate([np.zeros((min(1, len(places)), self.most)), np.nancumsum(steps, axis=0)])
         advance = np.where(np.isnan(places[..., 0]), np.nan, advance)
@@ -109,12 +102,12 @@ class CrackTips(Recorder):
     @property
     def length(self) -> np.ndarray:
         """Total length of all cracks, shape (rows,)."""
-        return np.array(self._sums).reshape(-1, 2)[:, 0]
+        return super().data["sums"][:, 0]
 
     @property
     def dissipated(self) -> np.ndarray:
         """Energy of broken bonds, shape (rows,)."""
-        return np.array(self._sums).reshape(-1, 2)[:, 1]
+        return super().data["sums"][:, 1]
 
     def energy_release(self) -> float:
         """Energy spent per area of new crack: the energy of the bonds that broke, divided by the distance that all tips
@@ -125,23 +118,28 @@ class CrackTips(Recorder):
         InputError
             No tip has advanced by a horizon yet.
         """
-        way = float(np.nansum(np.nanmax(self.data["advance"], axis=0, initial=0.0)))
-        if not way > self._horizon:
+        distance = float(np.nansum(np.nanmax(self.data["advance"], axis=0, initial=0.0)))
+        if not distance > self._horizon:
             raise InputError(
-                "no crack has run yet", value=way, limit=f"more than {self._horizon:.4g}", key="crack_tips"
+                "no crack has run yet", value=distance, limit=f"more than {self._horizon:.4g}", key="crack_tips"
             )
-        return float(self.dissipated[-1] - self.dissipated[0]) / way
+        return float(self.dissipated[-1] - self.dissipated[0]) / distance
 
     @property
     def recorded(self) -> Recorded:
         """The recorded data, independent of the run."""
-        new = slice(self._given, None)
-        rows = {name: one[new] for name, one in self.data.items()}
+        new = slice(self._written, None)
+        rows = {name: values[new] for name, values in self.data.items()}
         labels = tuple(f"tip {number:g}" for number in self.points[:, 0])
         return Recorded(self.name, self.points, self.times[new], rows, labels=labels)
 
+    @property
+    def asked(self) -> Arrays:
+        """Nothing: numbers of tips are no places."""
+        return {}
+
     def forget(self) -> None:
-        self._given = len(self._steps)  # all rows are kept: advances and speeds depend on earlier ones
+        self._written = len(self.times)  # all rows are kept: advances and speeds depend on earlier ones
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
@@ -156,7 +154,7 @@ class CrackTips(Recorder):
                 remedy="critical_stretch, fracture_energy; StressIntensity for cracks that stay as they are",
             )
         self._breaking: Breaking = parts.breaking
-        self._bonds, self._lattice, self._dt = parts.grid.engine.bonds, near.lattice, near.dt
+        self._bonds, self._lattice, self.dt = parts.grid.engine.bonds, near.lattice, near.dt
         spacing = near.lattice.spacing
         offsets = parts.grid.engine.offsets[:, parts.grid.lead :][:, self._axes]
         self._horizon = int(np.abs(offsets).max()) * spacing
@@ -167,29 +165,21 @@ class CrackTips(Recorder):
         self.notes = []
         return RecordRequest(np.zeros(0, np.int64), (), self.every, stop=True)
 
-    def start(self, step: int, step_values: StepValues) -> None:
-        self._given, self._steps, self._places, self._sums = 0, [], [], []
-        self._last = self._nowhere
-        self._look(step)
+    def restart(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
+        self._written, self._latest = 0, self._nowhere
+        self._begin_rows(self._none)
+        self._append(np.array([step]), self._look())
 
-    def add(self, step: int, step_values: StepValues) -> None:
-        last = step + len(step_values.nodes) - 1
-        if last % self.every == 0:
-            self._look(last)
+    def rows(self, window: Window) -> Arrays:
+        return self._look()  # the loop returns after each step that has a row
 
     def state(self) -> Arrays:
-        return {
-            "given": np.array([self._given]),
-            "steps": np.array(self._steps, np.int64),
-            "places": np.array(self._places).reshape(-1, self.most, 2),
-            "sums": np.array(self._sums).reshape(-1, 2),
-        }
+        return {"given": np.array([self._written]), **super().state()}
 
     def take(self, state: Arrays) -> None:
-        self._given, self._steps = int(state["given"][0]), [int(step) for step in state["steps"]]
-        self._places = list(state["places"])
-        self._last = reduce(_latest, self._places, self._nowhere)
-        self._sums = [(float(a), float(b)) for a, b in state["sums"]]
+        super().take(state)
+        self._written = int(state["given"][0])
+        self._latest = reduce(_last_seen, state["places"], self._nowhere)
         self.now = self._found()
 
     def _found(self) -> CrackPaths:
@@ -204,27 +194,25 @@ class CrackTips(Recorder):
             )
         )
 
-    def _look(self, step: int) -> None:
-        """Record the cracks as they are now."""
-        found, breaking = self._found(), self._breaking
+    def _look(self) -> Arrays:
+        """Return the row of the cracks as they are now."""
+        cracks, breaking = self._found(), self._breaking
         places = self._nowhere.copy()
-        free = [number for number in range(self.most) if np.isnan(self._last[number]).all()]
-        for tip, number in zip(found.tips, followed(self._last, found.tips, self._reach), strict=True):
+        free = [number for number in range(self.most) if np.isnan(self._latest[number]).all()]
+        for tip, number in zip(cracks.tips, followed(self._latest, cracks.tips, self._reach), strict=True):
             if number < 0 and not free:
                 self.notes = [f"{self.name} follows {self.most} tips, and there are more: most = {2 * self.most}"]
                 continue
             places[free.pop(0) if number < 0 else number] = tip
-        self.now = found
-        self._last = _latest(self._last, places)
-        self._steps.append(step)
-        self._places.append(places)
+        self.now = cracks
+        self._latest = _last_seen(self._latest, places)
         broken = breaking.team.total({"energy": self._bonds.broken[0]})["energy"]
-        self._sums.append((found.length, breaking.near.mass * broken))
+        return {"places": places[None], "sums": np.array([[cracks.length, breaking.near.mass * broken]])}
 
 
-def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:
+def _last_seen(last: np.ndarray, present: np.ndarray) -> np.ndarray:
     """Return where each tip was last seen, from two consecutive records."""
-    return np.where(np.isnan(now), last, now)
+    return np.where(np.isnan(present), last, present)
 
 
 def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
@@ -234,11 +222,11 @@ def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
     The mean rate of its advance would be too large: where a crack splits, the end of its thinned line moves from side
     to side although the tip does not.
     """
-    found = np.full(places.shape[:2], np.nan)
+    speeds = np.full(places.shape[:2], np.nan)
     for column in range(places.shape[1]):
-        known = np.flatnonzero(np.isfinite(places[:, column, 0]))
-        before = np.searchsorted(times[known], times[known] - window * (1 - 1e-9), side="right") - 1
-        now, then = known[before >= 0], known[before[before >= 0]]
-        come = np.linalg.norm(places[now, column] - places[then, column], axis=1)
-        found[now, column] = come / (times[now] - times[then])
-    return found
+        rows = np.flatnonzero(np.isfinite(places[:, column, 0]))
+        before = np.searchsorted(times[rows], times[rows] - window * (1 - 1e-9), side="right") - 1
+        now, earlier = rows[before >= 0], rows[before[before >= 0]]
+        distances = np.linalg.norm(places[now, column] - places[earlier, column], axis=1)
+        speeds[now, column] = distances / (times[now] - times[earlier])
+    return speeds

@@ -30,12 +30,8 @@ _ROUNDING = float(np.finfo(float).eps)
 
 
 def medium_outside(parts: Parts) -> Scheme:
-    """Return the uniform medium around a run, and its time integration.
-
-    Raises
-    ------
-    InputError
-        The medium ends at some side or is not linear, or the field is neither a scalar nor a vector.
+    """Return the uniform medium around a run, and its time integration; raises InputError if the medium ends at some
+    side or is not linear, or the field is neither a scalar nor a vector.
     """
     near = parts.whole.near
     ends = [side_name(*key) for key, side in parts.whole.sides.items() if not side.endless]
@@ -71,14 +67,11 @@ def medium_outside(parts: Parts) -> Scheme:
 def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and last indices of the nodes in a box, or in the widest possible one if none is given.
 
-    Raises
-    ------
-    InputError
-        The box has another dimension, is nearer to a side of the near field than one reach, or is so small that nothing
-        lies one reach inside its faces.
+    Raises InputError if the box has another dimension, is nearer to a side of the near field than one reach, or is so
+    small that nothing lies one reach inside its faces.
     """
-    more, spacing = np.array(reach), lattice.spacing
-    first, last = more, np.array(lattice.shape) - 1 - more
+    margin, spacing = np.array(reach), lattice.spacing
+    first, last = margin, np.array(lattice.shape) - 1 - margin
     limits = f"{shown(lattice.lower + spacing * first)} to {shown(lattice.lower + spacing * last)}"
     if box is not None:
         if box.dim != lattice.dim:
@@ -99,11 +92,11 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
                 remedy="a smaller box, or a larger near field",
             )
         first, last = np.ceil(lower - 1e-6).astype(int), np.floor(upper + 1e-6).astype(int)
-    if (last - first < 2 * more).any():
+    if (last - first < 2 * margin).any():
         raise InputError(
             "the box of a far field is so small that nothing lies one reach inside its faces",
             value=f"sides of {shown(spacing * np.maximum(last - first, 0))}",
-            limit=f"at least {shown(2 * spacing * more)}",
+            limit=f"at least {shown(2 * spacing * margin)}",
             key="far_field.box",
             remedy="a larger box in a larger near field",
         )
@@ -133,40 +126,22 @@ def steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
 
 
 def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:
-    """Refuse what must not lie outside a box; returns notes on values there that are smaller than the sides' targets.
-
-    Parameters
-    ----------
-    setup : Setup
-    parts : Parts
-    box : Box
-        Its corners are nodes.
-    reach : ndarray, shape (dim,)
-        Reach of a step along each axis.
-
-    Raises
-    ------
-    InputError
-        Cracks, holes, other materials, conditions, metal, initial data or sources outside the box or too near to its
-        faces.
+    """Refuse what must not lie outside a box whose corners are nodes, or too near to its faces: cracks, holes, other
+    materials, conditions, metal, initial data, sources; return notes on values there that are smaller than the sides'
+    targets. `reach` is that of a step along each axis.
     """
     _check_medium(setup, parts, box, reach)
-    for one in parts.incident:
-        _check_incident(one.wave, box, reach)
+    for incident in parts.incident:
+        _check_incident(incident.wave, box, reach)
     values = [("initial.u", parts.start.u), ("initial.v", parts.start.v)]
     values += [("source", space) for space, _ in parts.source_terms.sources if space is not None]
     outside = ~_core(parts, box, reach)
-    return [note for key, one in values for note in _missed(parts, np.abs(one), outside, key)]
+    return [note for key, data in values for note in _missed(parts, np.abs(data), outside, key)]
 
 
 def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tuple[np.ndarray, list[str]]:
     """Return the indices of the nodes nearest to points, also beyond the lattice, and notes on points that are not
-    nodes.
-
-    Raises
-    ------
-    InputError
-        Points in the box, or so far away that their nodes cannot be counted.
+    nodes. Raises InputError for points in the box, or so far away that their nodes cannot be counted.
     """
     given = kinds.array(points, "far_field.points")
     if given.ndim < 2 and lattice.dim == 1:
@@ -192,10 +167,10 @@ def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tup
             remedy="Receivers there, or a smaller box",
         )
     apart = np.abs(place - nodes).max(1) > 1e-6
-    found = lattice.lower + lattice.spacing * nodes
+    places = lattice.lower + lattice.spacing * nodes
     return nodes, [
         f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
-        for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True)
+        for point, node in zip(given[apart].tolist(), places[apart].round(12).tolist(), strict=True)
     ]
 
 
@@ -222,13 +197,7 @@ def check_kept(history: bool, remedy: str) -> None:
 
 
 def check_history(need: int, nodes: int, steps: int) -> list[str]:
-    """Return notes on a history of `need` bytes.
-
-    Raises
-    ------
-    InputError
-        It does not fit into memory.
-    """
+    """Return notes on a history of `need` bytes; raises InputError if it does not fit into memory."""
     remedy = "a smaller box, a shorter run, or history = false with frequencies"
     size = size_of_record(need, nodes, steps, "far_field.history", remedy)
     return [f"the far field keeps the history of its shell: {size}"] if need > _LARGE else []
@@ -258,24 +227,24 @@ def is_around(box: Box, wave: Incident) -> bool:
     return bool((box.lower <= wave.within.lower).all())
 
 
-def _inner(lattice: Lattice, box: Box, more: np.ndarray) -> np.ndarray:
+def _inner(lattice: Lattice, box: Box, margin: np.ndarray) -> np.ndarray:
     """Return the nodes of the lattice inside a box that is shrunk by some lengths on each side, as a mask."""
-    found = np.ones(lattice.shape, bool)
-    for along in np.meshgrid(*_between(lattice, box, more), indexing="ij", sparse=True):
-        found = found & along
-    return found
+    inside = np.ones(lattice.shape, bool)
+    for inside_along in np.meshgrid(*_between(lattice, box, margin), indexing="ij", sparse=True):
+        inside = inside & inside_along
+    return inside
 
 
-def _between(lattice: Lattice, box: Box, more: np.ndarray) -> list[np.ndarray]:
+def _between(lattice: Lattice, box: Box, margin: np.ndarray) -> list[np.ndarray]:
     """Return the nodes along each axis that lie inside the box shrunk likewise, as masks."""
-    close = 1e-6 * lattice.spacing
-    bounds = zip(lattice.axes, box.lower + more - close, box.upper - more + close, strict=True)
+    slack = 1e-6 * lattice.spacing
+    bounds = zip(lattice.axes, box.lower + margin - slack, box.upper - margin + slack, strict=True)
     return [(axis > low) & (axis < high) for axis, low, high in bounds]
 
 
 def _less(parts: Parts, reach: np.ndarray) -> np.ndarray:
-    """Return the distance between the box and its core, by which the reach of a step of several stages exceeds that of
-    the stencil.
+    """Return the distance between the box and its core: by how much a step of several stages reaches farther than the
+    stencil.
     """
     return np.asarray(reach - parts.near.lattice.spacing * np.array(parts.near.stencil.reach))
 
@@ -287,14 +256,17 @@ def _core(parts: Parts, box: Box, reach: np.ndarray) -> np.ndarray:
 
 def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> None:
     """Refuse cracks, holes, other materials, conditions and metal that affect bonds through a face or outside."""
-    near, lattice, whole = parts.near, parts.near.lattice, parts.whole.near.lattice
+    near, lattice, whole_lattice = parts.near, parts.near.lattice, parts.whole.near.lattice
     limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
-    core, deep = _core(parts, box, reach), _inner(lattice, box, reach)
-    along = _between(whole, box, _less(parts, reach))
+    core, well_inside = _core(parts, box, reach), _inner(lattice, box, reach)
+    inside_along = _between(whole_lattice, box, _less(parts, reach))
     for crack in setup.cracks:
-        ends = cut_ends(crack.cut, whole, near.stencil.offsets)
-        seen = ((ends >= 0) & (ends < whole.shape)).all(1)
-        if not (seen.all() and all(one[at].all() for one, at in zip(along, ends.T, strict=True))):
+        end_nodes = cut_ends(crack.cut, whole_lattice, near.stencil.offsets)
+        in_lattice = ((end_nodes >= 0) & (end_nodes < whole_lattice.shape)).all(1)
+        if not (
+            in_lattice.all()
+            and all(inside[index].all() for inside, index in zip(inside_along, end_nodes.T, strict=True))
+        ):
             raise InputError(
                 "the box of a far field cuts a crack, or lies within one reach of it",
                 value=[np.asarray(bound).tolist() for bound in crack.cut.bounds()],
@@ -304,15 +276,15 @@ def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> No
             )
     material = near.material
     corner = parts.whole.team.first(material.flat[0])
-    for wrong, message in (
-        (~deep & ~(material == corner), "cuts a hole, the rim of a body or another material"),
+    for mask, message in (
+        (~well_inside & ~(material == corner), "cuts a hole, the rim of a body or another material"),
         (~core & near.conditioned, "leaves out nodes that a condition holds"),
-        (~deep & parts.start.solid, "cuts metal"),
+        (~well_inside & parts.start.solid, "cuts metal"),
     ):
-        if wrong.any():
+        if mask.any():
             raise InputError(
                 f"the box of a far field {message}",
-                value=f"at {shown(_place(lattice, wrong))}",
+                value=f"at {shown(_place(lattice, mask))}",
                 limit=limit,
                 key="far_field.box",
                 remedy="a larger box, or a larger near field",
@@ -327,13 +299,13 @@ def _place(lattice: Lattice, where: np.ndarray) -> np.ndarray:
 def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
     """Raise InputError if values outside the box exceed the sides' target; return a note on smaller ones."""
     beyond = sizes.reshape(-1, *outside.shape).max(0)
-    own, team, model = float(beyond[outside].max(initial=0)), parts.whole.team, parts.near.model
-    peak, missed = team.largest(float(beyond.max(initial=0))), team.largest(own)
+    own_missed, team, model = float(beyond[outside].max(initial=0)), parts.whole.team, parts.near.model
+    peak, missed = team.largest(float(beyond.max(initial=0))), team.largest(own_missed)
     target = min(side.wanted(model.target) for side in parts.whole.sides.values())
-    if own > target * peak:
+    if own_missed > target * peak:
         raise InputError(
             "not zero outside the box of a far field, which would miss it",
-            value=f"{own:.3g} at {shown(_place(parts.near.lattice, outside & (beyond == own)))}",
+            value=f"{own_missed:.3g} at {shown(_place(parts.near.lattice, outside & (beyond == own_missed)))}",
             limit=f"{target * peak:.3g} ({target:g} of the largest)",
             key=key,
             remedy="a larger box, or narrower data",
@@ -346,9 +318,9 @@ def _check_incident(wave: Incident, box: Box, reach: np.ndarray) -> None:
     """Refuse a box that holds some, but not all, of the nodes at which an incident wave joins the scattered field."""
     assert wave.within is not None
     slack, low, high = 1e-6 * reach, wave.within.lower, wave.within.upper
-    around = (box.lower <= low - reach + slack) & (box.upper >= high + reach - slack)
-    inside = (box.lower >= low + 2 * reach - slack) & (box.upper <= high - 2 * reach + slack)
-    if not (around.all() or inside.all()):
+    is_around_wave = (box.lower <= low - reach + slack) & (box.upper >= high + reach - slack)
+    is_inside_wave = (box.lower >= low + 2 * reach - slack) & (box.upper <= high - 2 * reach + slack)
+    if not (is_around_wave.all() or is_inside_wave.all()):
         raise InputError(
             "the box of a far field meets the box of an incident wave",
             value=f"{shown(box.lower)} to {shown(box.upper)}",

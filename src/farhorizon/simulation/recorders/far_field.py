@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import repeat
 from typing import Annotated, Any, ClassVar
 
@@ -21,16 +22,17 @@ from farhorizon.analysis.radiation import (
     squared_frequency,
     waves_sent,
 )
-from farhorizon.analysis.references.driven import DrivenLattice
+from farhorizon.analysis.references.driven import DrivenLattice, Scheme
+from farhorizon.analysis.references.infinite import largest_speed
 from farhorizon.arguments import Frequencies, InFile, Points, Toml
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.far_arrivals import FarArrivals
 from farhorizon.simulation.recorders.far_box import (
+    LEFT,
     check_history,
     check_kept,
     check_moving,
@@ -46,21 +48,22 @@ from farhorizon.simulation.recorders.far_box import (
 from farhorizon.simulation.recorders.fourier_sums import SampledSums
 from farhorizon.simulation.recorders.recorder import (
     Arrays,
-    Recorder,
+    LinearRecorder,
     RecordRequest,
     StepValues,
     check_begun,
     check_from_start,
-    recorder_name,
 )
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.time.outer_loop import checked_end, warn
 from farhorizon.simulation.time.steps import last_step
 
+_BLOCK = 16  # steps that share one maximum, which keeps the maxima small beside the history they come from
+_STILL = 1e-6  # squared speeds below this part of the largest are rounding: such waves do not travel
 _SEEN = 16  # steps between two checks of the largest field
 
 
-class FarField(Recorder):
+class FarField(LinearRecorder):
     r"""Waves that a run radiates into the surrounding unbounded medium: receivers at any distance, patterns by
     direction and frequency, cross sections. It is passed to a run in ``observe=[...]``.
 
@@ -128,6 +131,7 @@ class FarField(Recorder):
 
     several: ClassVar[bool] = False
     shared = True
+    sums: SampledSums
 
     def __init__(
         self,
@@ -144,10 +148,9 @@ class FarField(Recorder):
         self.directions = directions
         needed = self.points is not None or not self.frequencies.size
         self.history = needed if history is None else kinds.flag(history, "far_field.history")
-        self.name = recorder_name(name)
+        super().__init__(name)
         if needed:
             check_kept(self.history, "history = true, or frequencies without points")
-        self.notes: list[str] = []
         self._steps = -1
 
     def __repr__(self) -> str:
@@ -164,7 +167,6 @@ class FarField(Recorder):
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)
         self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
-        self._every = steps_between_samples(near, self.frequencies)
         self._reach = near.lattice.spacing * np.array(self._scheme.stencil.reach, float)
         first, last = corner_nodes(near.lattice, self.box, self._scheme.stencil.reach)
         self._shell = Shell(self._scheme.stencil, first, last)
@@ -173,22 +175,21 @@ class FarField(Recorder):
         self.notes = check_outside(setup, parts, self._faces, self._reach)
         if self.points is not None:
             self._receivers(self.points)
+        self.sums = SampledSums(
+            self.frequencies, self._scheme.dt, steps_between_samples(near, self.frequencies), self._count
+        )
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
         self._parts = parts
         self._judged = list[str]()
         self._end = -1  # the last step of the run, once it is known
-        self._incident: list[tuple[Any, Region]] = [(one.wave, one.region) for one in parts.incident]
+        self._incident: list[tuple[Any, Region]] = [(incident.wave, incident.region) for incident in parts.incident]
         nodes = np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape)
         check_window(parts, nodes, self._faces)
         return RecordRequest(nodes, ())
 
     def foresee(self, until: float, steps: int) -> None:
-        """Check, before a run to a given time, sources that do not split into space and time, and memory.
-
-        Raises
-        ------
-        InputError
-            Sources that extend beyond the box, a history that does not fit into memory.
+        """Check, before a run to a given time, sources that do not split into space and time, and memory; raises
+        InputError for sources that extend beyond the box, and a history that does not fit into memory.
         """
         self._end, notes = steps, check_moving(self._parts, self._faces, self._reach, until)
         notes += check_history(8 * self._count * (steps + 1) * self.history, len(self._shell.nodes), steps)
@@ -199,22 +200,21 @@ class FarField(Recorder):
         """How many numbers are recorded in a step."""
         return self._scheme.stencil.components * len(self._shell.nodes)
 
-    def start(self, step: int, step_values: StepValues) -> None:
+    def functional(self, step_values: StepValues) -> np.ndarray:
+        return np.array(step_values.nodes.swapaxes(1, 2).reshape(len(step_values.nodes), -1), float, order="C")
+
+    def restart(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
         check_from_start(step, "a far field", "far_field")
         self._rows: list[np.ndarray] = []
-        self._sums = SampledSums(self.frequencies, self._scheme.dt, self._every, self._count)
         self._steps, self._largest, self._last = -1, 0.0, 0.0
-        self.add(0, StepValues(step_values.nodes[-1:], ()))
+        self.keep(step, values[1:], forces)
 
-    def add(self, step: int, step_values: StepValues) -> None:
-        rows = np.array(step_values.nodes.swapaxes(1, 2).reshape(len(step_values.nodes), -1), float)
+    def keep(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
         if self.history:
-            self._rows.append(rows)
-        if self.frequencies.size:
-            self._sums.add(step, rows)
-        self._steps += len(rows)
-        self._last = float(np.abs(rows[-1]).max(initial=0.0))
-        self._largest = max(self._largest, self._last, float(np.abs(rows[::_SEEN]).max(initial=0.0)))
+            self._rows.append(values)
+        self._steps += len(values)
+        self._last = float(np.abs(values[-1]).max(initial=0.0))
+        self._largest = max(self._largest, self._last, float(np.abs(values[::_SEEN]).max(initial=0.0)))
         if self._steps == self._end and self.frequencies.size:
             for text in self._judge():
                 warn(text)
@@ -229,38 +229,37 @@ class FarField(Recorder):
         """The frequencies, and the points if there are any."""
         return {"frequencies": self.frequencies} | ({} if self.points is None else {"points": self.points})
 
-    def forget(self) -> None:
-        """Do nothing: receivers need the complete history of the shell."""
-
     @property
     def names(self) -> list[str]:
         return [self.name, f"{self.name}_points", f"{self.name}_pattern"]
 
     def concluded(self) -> list[Recorded]:
-        found = []
+        records = []
         if self.points is not None:
             times, values = self.at(self.points)
             places = self._lattice.lower + self._lattice.spacing * self._receivers(self.points)
-            found.append(Recorded(f"{self.name}_points", places, times, {"u": values}))
+            records.append(Recorded(f"{self.name}_points", places, times, {"u": values}))
         if self.frequencies.size:
             pattern = self.pattern(self.directions)
-            crossed = pattern.cross_sections
-            levels, what = (pattern.intensities, "intensity") if crossed is None else (crossed, "cross_section")
-            spectra = {f"{what}_{wave}": levels[:, number] for number, wave in enumerate(pattern.waves)}
+            cross_sections = pattern.cross_sections
+            levels, quantity = (
+                (pattern.intensities, "intensity") if cross_sections is None else (cross_sections, "cross_section")
+            )
+            spectra = {f"{quantity}_{wave}": levels[:, number] for number, wave in enumerate(pattern.waves)}
             spectra |= {wave: pattern.amplitudes[:, number] for number, wave in enumerate(pattern.waves)}
-            name, still = f"{self.name}_pattern", np.zeros(0)
-            found.append(Recorded(name, pattern.directions, still, {}, self.frequencies, spectra, directions=True))
-        return found
+            name, no_times = f"{self.name}_pattern", np.zeros(0)
+            records.append(Recorded(name, pattern.directions, no_times, {}, self.frequencies, spectra, directions=True))
+        return records
 
     def state(self) -> Arrays:
         rows = np.concatenate([np.zeros((0, self._count)), *self._rows])
-        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **self._sums.state()}
+        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **self.sums.state()}
 
     def take(self, state: Arrays) -> None:
         self._rows = [state["rows"]]
-        steps, self._largest, self._last = (float(one) for one in state["counts"])
+        steps, self._largest, self._last = map(float, state["counts"])
         self._steps = int(steps)
-        self._sums.take(state)
+        self.sums.take(state)
 
     # --- in time -----------------------------------------------------------------------------------------------
 
@@ -302,8 +301,8 @@ class FarField(Recorder):
         last = self._steps if until is None else last_step(checked_end(until, dt), dt)
         driven = DrivenLattice(self._scheme, last, self._shell.nodes, receivers)
         values = driven.field(self._forces(last)) + self._background
-        places = self._lattice.lower + self._lattice.spacing * receivers
-        arrivals = FarArrivals(self._scheme, self._shell, receivers, places)
+        coordinates = self._lattice.lower + self._lattice.spacing * receivers
+        arrivals = _Arrivals(self._scheme, self._shell, receivers, coordinates)
         unknown = arrivals.forget_unknown(values, self._steps, self._last, self._largest)
         for text in (doubts := arrivals.late(self._rows, last, self._total) + unknown):
             warn(text)
@@ -335,24 +334,26 @@ class FarField(Recorder):
         """
         self._must_have_spectra()
         scheme, spacing, dim = self._scheme, self._lattice.spacing, self._lattice.dim
-        unit = as_directions(self.directions if directions is None else directions, dim, "far_field.directions")
-        parts = []
+        unit_vectors = as_directions(self.directions if directions is None else directions, dim, "far_field.directions")
+        waves_by_frequency = []
         for squared, force in zip(self._squares, self._spectral_forces, strict=True):
-            parts.append(waves_sent(scheme, squared, self._places, force, unit))
-        amplitudes, shapes, vectors, slopes = (np.stack(part) for part in zip(*parts, strict=True))
+            waves_by_frequency.append(waves_sent(scheme, squared, self._places, force, unit_vectors))
+        amplitudes, shapes, vectors, slopes = (np.stack(part) for part in zip(*waves_by_frequency, strict=True))
         area = spacing ** (dim - 1)
         strength = np.abs(amplitudes) ** 2 * slopes.real
         mass = self._density * spacing * self._rates[:, None, None]
         incident = self._arriving
         return Pattern(
             self.frequencies,
-            unit,
+            unit_vectors,
             WAVES[scheme.stencil.components],
             (np.sqrt(area) * amplitudes).conj(),
             shapes.conj(),
             vectors.conj() / spacing,
             mass * area * strength,
-            None if not incident else area * strength / 2 / np.array([one.strength for one in incident])[:, None, None],
+            None
+            if not incident
+            else area * strength / 2 / np.array([wave.strength for wave in incident])[:, None, None],
         )
 
     def energy(self) -> np.ndarray:
@@ -420,8 +421,8 @@ class FarField(Recorder):
                 remedy="a run for each wave",
             )
         area = self._lattice.spacing ** (self._lattice.dim - 1)
-        strength = np.array([one.strength for one in incident])
-        work = [one.work(self._places, force) for one, force in zip(incident, self._spectral_forces, strict=True)]
+        strength = np.array([wave.strength for wave in incident])
+        work = [wave.work(self._places, force) for wave, force in zip(incident, self._spectral_forces, strict=True)]
         return CrossSections(area * self._outflow() / strength, area * np.array(work) / strength)
 
     def _outflow(self) -> np.ndarray:
@@ -436,9 +437,9 @@ class FarField(Recorder):
             )
         inside = self._shell.inside
         field = np.where(inside, 0.0, self._spectra)
-        for number, one in enumerate(self._arriving if self._total else ()):
+        for number, plane_wave in enumerate(self._arriving if self._total else ()):
             # an incident wave that passes through the box radiates nothing outside, and minus itself inside
-            field[number] -= one.field(self._places)
+            field[number] -= plane_wave.field(self._places)
         return np.asarray((self._spectral_forces.conj() * field).sum((1, 2)).imag)
 
     @property
@@ -458,13 +459,13 @@ class FarField(Recorder):
     @property
     def _spectra(self) -> np.ndarray:
         """Spectra of the field on the shell, with time dependence ``exp(-i omega t)``; shape (F, components, W)."""
-        return self._sums.values.conj().reshape(len(self.frequencies), self._scheme.stencil.components, -1)
+        return self.sums.values.conj().reshape(len(self.frequencies), self._scheme.stencil.components, -1)
 
     @property
     def _spectral_forces(self) -> np.ndarray:
         spectra = self._spectra
-        found = self._shell.commutator @ spectra.reshape(len(spectra), -1).T
-        return np.asarray(self._scheme.rate * found.T.reshape(spectra.shape))
+        forces = self._shell.commutator @ spectra.reshape(len(spectra), -1).T
+        return np.asarray(self._scheme.rate * forces.T.reshape(spectra.shape))
 
     @property
     def _total(self) -> bool:
@@ -507,7 +508,116 @@ class FarField(Recorder):
 
     def _judge(self) -> list[str]:
         """Return why the spectra so far may be doubtful, and update the notes."""
-        found = spectral_notes(self._last, self._largest, self._sums.missed)
-        self.notes = [one for one in self.notes if one not in self._judged] + found
-        self._judged = found
-        return found
+        judged = spectral_notes(self._last, self._largest, self.sums.missed)
+        self.notes = [note for note in self.notes if note not in self._judged] + judged
+        self._judged = judged
+        return judged
+
+
+@dataclass(frozen=True)
+class _Arrivals:
+    """When what leaves a box arrives at receivers, given the medium outside, the shell of the box, and the nodes and
+    coordinates of the receivers, each of shape (P, dim).
+    """
+
+    scheme: Scheme
+    shell: Shell
+    receivers: np.ndarray
+    places: np.ndarray
+
+    def late(self, rows: Sequence[np.ndarray], last: int, passing: bool) -> list[str]:
+        """Return the warning that records which end with step `last` lack something: a value on the faces towards a
+        receiver that is larger than all that arrive there by then, or, where an incident wave passes through the box
+        and hides how large the others are, one that is not faint beside it.
+
+        `rows` has the values on the shell, each of shape (steps, components * W), components first.
+        """
+        factor = LEFT if passing else 1 + LEFT
+        steps, sizes = _block_maxima(rows, self.scheme.stencil.components)
+        lacks: list[tuple[float, float, int]] = []  # step of arrival, largest value until then, receiver
+        for number, receiver in enumerate(self.receivers):
+            which, delays = _delays(self.scheme, self.shell, receiver)
+            arrivals, size = steps[:, which] + delays, sizes[:, which]
+            largest_arrived = size[arrivals <= last].max(initial=0.0)
+            lacking = np.where(arrivals <= last, 0.0, size)
+            if lacking.max(initial=0.0) > factor * largest_arrived:
+                lacks.append((float(arrivals.flat[lacking.argmax()]), float(largest_arrived / lacking.max()), number))
+        if not lacks:
+            return []
+        arrival, ratio, number = max(lacks)
+        end, later = (f"t = {step * self.scheme.dt:.6g}" for step in (last, arrival))
+        return [
+            f"the far field {self._at(number, len(lacks))} ends at {end}, but the largest of the waves on the box "
+            f"arrives there at about {later}, and of those that arrive before the end the largest has {ratio:.2g} of "
+            "its amplitude on the box; FarField.at(points, until=...) with a later end, or a longer run, contains it"
+        ]
+
+    def forget_unknown(self, values: np.ndarray, end: int, remaining: float, largest: float) -> list[str]:
+        """Overwrite values, of shape (steps + 1, P[, components]), by nan from the step on at which what leaves the box
+        after the run may have arrived; return the warning that says so. `remaining` and `largest` are the largest
+        values on the shell at the end of the run and in all of it.
+        """
+        if remaining <= LEFT * largest:
+            return []
+        last_known = [end + _steps_of_travel(self.scheme, self.shell, receiver) for receiver in self.receivers]
+        for number, step in enumerate(last_known):
+            values[step + 1 :, number] = np.nan
+        short = [(step, number) for number, step in enumerate(last_known) if step + 1 < len(values)]
+        if not short:
+            return []
+        step, number = min(short)
+        when, run_end = (f"t = {number * self.scheme.dt:.6g}" for number in (step, end))
+        return [
+            f"the far field {self._at(number, len(short))} is known up to {when} and is nan after it: at the end of "
+            f"the run, at {run_end}, {remaining / largest:.2g} of the largest value remains on the box, and what "
+            "leaves it later may arrive; a longer run supplies it"
+        ]
+
+    def _at(self, number: int, count: int) -> str:
+        among = f" (the worst of {count} points)" if count > 1 else ""
+        return f"at {shown(self.places[number].round(12))}{among}"
+
+
+def _block_maxima(rows: Sequence[np.ndarray], components: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the largest value at each node within each few steps, and its step; each of shape (blocks, W)."""
+    steps, sizes, first = [], [], 0
+    for values in rows:
+        for begin in range(0, len(values), _BLOCK):
+            size = np.abs(values[begin : begin + _BLOCK]).reshape(-1, components, values.shape[1] // components).max(1)
+            steps.append(first + begin + size.argmax(0))
+            sizes.append(size.max(0))
+        first += len(values)
+    return np.array(steps), np.array(sizes)
+
+
+def _delays(scheme: Scheme, shell: Shell, receiver: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of the shell's nodes at the faces that a receiver sees, and how many steps the slowest long
+    wave takes from each of them; for diffusion, after how many steps a release there is largest, ``r^2 / (2 dim D)``.
+    """
+    first, last, reach = map(np.array, (shell.first, shell.last, shell.stencil.reach))
+    facing = (receiver > last) & (shell.nodes > last - reach) | (receiver < first) & (shell.nodes < first + reach)
+    which = np.flatnonzero(facing.any(1))
+    distance = np.linalg.norm(receiver - shell.nodes[which], axis=1)
+    direction = receiver - (first + last) / 2
+    squared_speeds = _squared_speeds(scheme, direction / np.linalg.norm(direction))
+    if scheme.order == 1:
+        return which, distance**2 / (2 * len(first) * squared_speeds.max() * scheme.recursion.scale)
+    return which, distance / (np.sqrt(squared_speeds[squared_speeds > _STILL * squared_speeds.max()].min()) * scheme.dt)
+
+
+def _squared_speeds(scheme: Scheme, direction: np.ndarray) -> np.ndarray:
+    """Squared speeds of long waves along a direction, in nodes per time; for diffusion, diffusivities."""
+    along = (scheme.stencil.offsets @ direction) ** 2 / 2
+    tensor = np.tensordot(along, scheme.stencil.weights, 1) * scheme.rate
+    return np.asarray(np.linalg.eigvalsh(np.atleast_2d(tensor)))
+
+
+def _steps_of_travel(scheme: Scheme, shell: Shell, receiver: np.ndarray) -> int:
+    """Return in how many steps the fastest wave of the lattice travels from a box to a receiver; 0 for diffusion, which
+    has no front.
+    """
+    if scheme.order == 1:
+        return 0
+    first, last = shell.nodes.min(0), shell.nodes.max(0)
+    distances = np.maximum(np.maximum(first - receiver, receiver - last), 0)
+    return int(np.linalg.norm(distances) / (largest_speed(scheme.stencil) * np.sqrt(scheme.rate) * scheme.dt))

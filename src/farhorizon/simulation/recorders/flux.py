@@ -1,5 +1,4 @@
-"""Flux of a nonlocal conductor at nodes, from one-sided sums, and across planes. The functions take and return plain
-arrays.
+"""Flux of a nonlocal conductor at nodes, from one-sided sums, and across planes.
 
 The flux at a node is the sum over the bonds to one side of ``k (T' - T) / distance`` (Bobaru and Duangpanya 2010, eqs
 19 and 20, with opposite sign: here it is positive if heat flows in the direction of the axis). It is exact for a linear
@@ -23,6 +22,8 @@ from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 
+#: Takes the number of an offset and returns the factor of each node's bond along it, shape (n..): 0 where the bond is
+#: absent, the ratio of the conductivities in composites.
 Bonds = Callable[[int], np.ndarray]
 _FAINT = 1e-12  # remaining fractions of a bond below this are rounding error
 _SINGULAR = 1e-8  # second moments of the remaining bonds, relative to those of all
@@ -36,39 +37,28 @@ def shifted(values: np.ndarray, offset: np.ndarray) -> tuple[tuple[slice, ...], 
 
 
 def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float) -> np.ndarray:
-    """Return the flux at every node, along each axis.
+    """Return the flux at every node along each axis, shape (dim, n..); nan where the bonds do not determine the
+    gradient.
 
-    Parameters
-    ----------
-    u : ndarray, shape (n..)
-        Temperature; bonds to nodes that do not exist have factor 0.
-    offsets : ndarray of int, shape (K, dim)
-    weights : ndarray, shape (K,)
-        Conductivity times the dimensionless weights: half their second moment along an axis is the conductivity.
-    bonds : callable
-        Takes the number of an offset and returns the factor of each node's bond along it, shape (n..): 0 where the bond
-        is absent, the ratio of the conductivities in composites.
-    spacing : float
-
-    Returns
-    -------
-    ndarray, shape (dim, n..)
-        nan where the remaining bonds do not determine the gradient.
+    The weights are the conductivity times dimensionless ones: half their second moment along an axis is the
+    conductivity.
     """
     dim = u.ndim
-    sums, whole = np.zeros((2, dim, *u.shape)), np.ones((2, dim, *u.shape), bool)  # over the bonds ahead and behind
+    sums, complete = np.zeros((2, dim, *u.shape)), np.ones((2, dim, *u.shape), bool)  # over the bonds ahead and behind
     for number, offset in enumerate(offsets):
         factor = bonds(number)
         gain = weights[number] * _gains(u, offset, factor) / spacing
         for axis in np.flatnonzero(offset):
             side = 0 if offset[axis] > 0 else 1
             sums[side, axis] -= offset[axis] * gain
-            whole[side, axis] &= factor > 0
-    flux = np.where(whole[0], sums[0], np.where(whole[1], sums[1], np.nan))
-    left = np.asarray(np.isnan(flux).any(axis=0))
-    if left.any():
-        flux[:, left] = np.where(
-            np.isnan(flux[:, left]), _fitted(u, offsets, weights, bonds, spacing, left), flux[:, left]
+            complete[side, axis] &= factor > 0
+    flux = np.where(complete[0], sums[0], np.where(complete[1], sums[1], np.nan))
+    undetermined = np.asarray(np.isnan(flux).any(axis=0))
+    if undetermined.any():
+        flux[:, undetermined] = np.where(
+            np.isnan(flux[:, undetermined]),
+            _fitted(u, offsets, weights, bonds, spacing, undetermined),
+            flux[:, undetermined],
         )
     return flux
 
@@ -101,22 +91,11 @@ def _fitted(
 def power_across(
     u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, axis: int, row: int
 ) -> float:
-    """Return the power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and
-    `row + 1` along an axis.
+    """Return the power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and `row +
+    1` along an axis, with the tables of `nodal_flux`; per area in 1D, per thickness in 2D.
 
     It is the sum over all bonds that cross the plane, and so exactly what leaves one part of the body and enters the
     other.
-
-    Parameters
-    ----------
-    u, offsets, weights, bonds, spacing
-        As for `nodal_flux`.
-    axis, row : int
-
-    Returns
-    -------
-    float
-        Power; per area in 1D, per thickness in 2D.
     """
     total = 0.0
     for number, offset in enumerate(offsets):
@@ -152,9 +131,8 @@ def check_drift(near: NearField, key: str) -> None:
 def flux_tables(
     near: NearField, grid: Grid, phases: SolidAndLiquid | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Bonds]:
-    """Return what `nodal_flux` and `power_across` need of a run: the field, offsets and weights of the bonds, and a
-    function that returns the factor of the bond from each node of the near field along an offset, 0 where none exists
-    within the near field.
+    """Return what `nodal_flux` and `power_across` need of a run: the field, offsets and weights of the bonds, and their
+    factors, 0 where no bond exists within the near field.
     """
     check_drift(near, "flux")
     engine, stencil = grid.engine, near.stencil
@@ -166,22 +144,18 @@ def flux_tables(
     inside[nodes] = True
 
     def factor(number: int) -> np.ndarray:
-        other = nodes + int(engine.offsets[number] @ np.array(engine.core.stride))
+        neighbours = nodes + int(engine.offsets[number] @ np.array(engine.core.stride))
         weight = engine.weights[number]
-        missing = engine.absent.lost(nodes, other, weight) / weight
-        left = factors_of(engine.tables.material, nodes, other) * (1 - missing)
-        return np.where(inside[other] & (left > _FAINT), left, 0.0).reshape(near.lattice.shape)
+        missing = engine.absent.lost(nodes, neighbours, weight) / weight
+        factor_left = factors_of(engine.tables.material, nodes, neighbours) * (1 - missing)
+        return np.where(inside[neighbours] & (factor_left > _FAINT), factor_left, 0.0).reshape(near.lattice.shape)
 
     return u, stencil.offsets, stencil.weights * near.model.coefficient / near.model.source_factor, factor
 
 
 def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
-    """Return the number of the axis that a plane is normal to, and the last row of nodes before the plane.
-
-    Raises
-    ------
-    InputError
-        The lattice does not have the axis, or the plane lies outside it.
+    """Return the number of the axis that a plane is normal to, and the last row of nodes before the plane; raises
+    InputError if the lattice does not have the axis, or the plane lies outside it.
     """
     number = AXES.index(kinds.one_of(axis, "axis", AXES[: lattice.dim], "the lattice has no such axis"))
     position = kinds.number(position, "position")
@@ -197,31 +171,31 @@ def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
     return number, row
 
 
-def is_cut(cuts: Cuts, size: int, nodes: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def is_cut(cuts: Cuts, size: int, nodes: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return whether the bond from each of some places to another is cut, and if so its number among those cut; `size`
     is the number of places in a level.
     """
-    keys, wanted = cuts.nodes * size + cuts.neighbours, nodes * size + others
+    keys, keys_asked = cuts.nodes * size + cuts.neighbours, nodes * size + neighbours
     if not keys.size:
         return np.zeros(len(nodes), bool), np.zeros(len(nodes), np.int64)
     order = np.argsort(keys)
-    at = order[np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)]
-    return keys[at] == wanted, at
+    at = order[np.minimum(np.searchsorted(keys[order], keys_asked), keys.size - 1)]
+    return keys[at] == keys_asked, at
 
 
-def bonds_left(engine: Engine, nodes: np.ndarray, others: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def bonds_left(engine: Engine, nodes: np.ndarray, neighbours: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the remaining factor of a bond of the given weight from each of some places to another; 0 where it is
-    absent.
-
-    Where forces follow from states, a bond and its spring are either present or absent.
+    absent. Where forces follow from states, a bond and its spring are either present or absent.
     """
     of_states, exists = engine.passes is not None, engine.absent.exists
     cuts = engine.tables.gradient_pass.cuts if of_states else engine.tables.cuts
-    cut, at = is_cut(cuts, engine.layout.size, nodes, others)
+    cut, at = is_cut(cuts, engine.layout.size, nodes, neighbours)
     lost = cut.astype(float)
     if cut.any() and not of_states:
         largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
         taken = cuts.weights.reshape(-1, *weight.shape)[(slice(None), *largest)] / weight[largest]
         lost[cut] = taken[at[cut]]
-    left = factors_of(engine.tables.material, nodes, others) * (1 - lost) * (exists[nodes] & exists[others])
-    return np.where(left > _FAINT, left, 0.0)
+    factor_left = (
+        factors_of(engine.tables.material, nodes, neighbours) * (1 - lost) * (exists[nodes] & exists[neighbours])
+    )
+    return np.where(factor_left > _FAINT, factor_left, 0.0)

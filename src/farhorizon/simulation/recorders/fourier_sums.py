@@ -10,22 +10,12 @@ BLOCK = 64  # steps that are summed by one product of matrices
 
 
 class FourierSums:
-    """``sum over steps n of dt * values(n) * exp(-2 pi i f n dt)``, the convention of `numpy.fft`, of some values.
+    """``sum over steps n of dt * values(n) * exp(-2 pi i f n dt)`` of some values, the convention of `numpy.fft`.
 
     Steps are summed in blocks that begin at multiples of their length, so that a run which is saved and continued at
-    any step has the same sums to the last bit.
+    any step has the same sums to the last bit. Frequencies are in cycles per time, `count` is the number of values per
+    step; with `every`, samples of so many steps stand for all.
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (F,)
-        In cycles per unit of time.
-    dt : float
-    count : int
-        Number of values per step.
-
-    Examples
-    --------
-    >>> import numpy as np
     >>> values = np.random.default_rng(1).normal(size=(100, 3))
     >>> sums = FourierSums(np.array([0.1, 0.2]), 0.5, 3)
     >>> sums.add(0, values[:30])
@@ -34,26 +24,34 @@ class FourierSums:
     True
     """
 
-    def __init__(self, frequencies: np.ndarray, dt: float, count: int) -> None:
-        self.frequencies, self.dt = np.asarray(frequencies, float), dt
-        self._first, self._held = 0, 0  # steps that are not summed yet: the first one, and how many
+    def __init__(self, frequencies: np.ndarray, dt: float, count: int, every: int = 1) -> None:
+        self.frequencies, self.dt, self._every = np.asarray(frequencies, float), every * dt, every
         self._rows = np.zeros((BLOCK, count))
-        self._sums = np.zeros((2 * len(self.frequencies), count))  # with cosines, then with sines
+        self.clear()
 
-    def add(self, step: int, rows: np.ndarray) -> None:
-        """Take the values of the steps from number `step` on, each one once and in order, shape (steps, count)."""
+    def clear(self) -> None:
+        """Begin anew."""
+        self._first, self._held = 0, 0  # samples that are not summed yet: the first one, and how many
+        self._sums = np.zeros((2 * len(self.frequencies), self._rows.shape[1]))  # with cosines, then with sines
+
+    def add(self, step: int, values: np.ndarray) -> None:
+        """Take the values of the steps from number `step` on, each one once and in order, shape (steps, ...)."""
+        if not self.frequencies.size:
+            return
+        samples = values[-step % self._every :: self._every]
+        step, rows = -(-step // self._every), samples.reshape(len(samples), self._rows.shape[1])
         if not self._held:
             self._first = step
         done = 0
         while done < len(rows):
             end = done + min(BLOCK - (self._first + self._held) % BLOCK, len(rows) - done)
-            whole = (self._first + self._held + end - done) % BLOCK == 0
+            complete = (self._first + self._held + end - done) % BLOCK == 0
             block = rows[done:end]
-            if self._held or not whole:
+            if self._held or not complete:
                 self._rows[self._held : self._held + end - done] = block
                 self._held += end - done
                 block = self._rows[: self._held]
-            if whole:
+            if complete:
                 # one call that adds in place: forming the product first would take half as long again
                 factors = self._factors(self._first, len(block))
                 self._sums = dgemm(1.0, block.T, factors.T, 1.0, self._sums.T, overwrite_c=True).T
@@ -88,19 +86,6 @@ class SampledSums:
     Anything too fast for the samples is aliased to lower frequencies. The error is estimated from a combination of all
     values with random signs, of which alone all steps are summed as well.
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (F,)
-        In cycles per unit of time.
-    dt : float
-    every : int
-        Number of steps from one sample to the next; the weight of a sample is larger by this factor.
-    count : int
-        Number of values per step.
-
-    Examples
-    --------
-    >>> import numpy as np
     >>> times = np.arange(400)
     >>> slow, fast = (np.exp(-((times - 200) / 60) ** 2) * np.cos(2 * np.pi * f * times) for f in (0.05, 0.45))
     >>> missed = []
@@ -113,15 +98,20 @@ class SampledSums:
     """
 
     def __init__(self, frequencies: np.ndarray, dt: float, every: int, count: int) -> None:
-        self._every = every
-        self._sums, self._whole = FourierSums(frequencies, every * dt, count), FourierSums(frequencies, dt, 1)
+        self.frequencies, self._every = frequencies, every
+        self._sums, self._all_steps = FourierSums(frequencies, dt, count, every), FourierSums(frequencies, dt, 1)
         self._signs = np.random.default_rng(count).choice([-1.0, 1.0], count)
 
-    def add(self, step: int, rows: np.ndarray) -> None:
+    def clear(self) -> None:
+        """Begin anew."""
+        self._sums.clear()
+        self._all_steps.clear()
+
+    def add(self, step: int, values: np.ndarray) -> None:
         """Take the values of the steps from number `step` on, each one once and in order, shape (steps, count)."""
-        self._sums.add(-(-step // self._every), rows[-step % self._every :: self._every])
+        self._sums.add(step, values)
         if self._every > 1:
-            self._whole.add(step, np.einsum("tn,n->t", rows, self._signs)[:, None])
+            self._all_steps.add(step, np.einsum("tn,n->t", values, self._signs)[:, None])
 
     @property
     def values(self) -> np.ndarray:
@@ -133,15 +123,18 @@ class SampledSums:
         """Largest difference from the sums of all steps over the largest of these, estimated; 0 if all are sampled."""
         if self._every == 1:
             return 0.0
-        whole = self._whole.values[:, 0]
-        return float(np.abs(self.values @ self._signs - whole).max() / max(np.abs(whole).max(), _TINY))
+        of_all = self._all_steps.values[:, 0]
+        return float(np.abs(self.values @ self._signs - of_all).max() / max(np.abs(of_all).max(), _TINY))
+
+    @property
+    def _parts(self) -> tuple[tuple[str, FourierSums], ...]:
+        return ("sums.", self._sums), ("whole.", self._all_steps)
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the state, from which `take` continues."""
-        parts = (("sums", self._sums), ("whole", self._whole))
-        return {f"{part}.{name}": array for part, sums in parts for name, array in sums.state().items()}
+        return {f"{part}{name}": array for part, sums in self._parts for name, array in sums.state().items()}
 
     def take(self, state: dict[str, np.ndarray]) -> None:
         """Restore a state returned by `state`."""
-        for part, sums in (("sums", self._sums), ("whole", self._whole)):
-            sums.take({name.removeprefix(f"{part}."): a for name, a in state.items() if name.startswith(f"{part}.")})
+        for part, sums in self._parts:
+            sums.take({name.removeprefix(part): array for name, array in state.items() if name.startswith(part)})

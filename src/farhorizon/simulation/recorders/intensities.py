@@ -14,7 +14,7 @@ from farhorizon.arguments import Points, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.recorder import RecordRequest, RowRecorder, StepValues
+from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup
 
@@ -115,8 +115,8 @@ class StressIntensity(RowRecorder):
         if not self.domains:
             return {}
         medium, rows = self.domains[0].medium, super().data["rows"]
-        found = {mode: rows[..., number] for number, mode in enumerate(medium.modes)}
-        return {**found, "G": medium.release(rows)}
+        intensities = {mode: rows[..., number] for number, mode in enumerate(medium.modes)}
+        return {**intensities, "G": medium.release(rows)}
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
@@ -139,30 +139,27 @@ class StressIntensity(RowRecorder):
             _check_even(parts, domain)
         source_terms = [(space, time) for space, time in parts.active_terms if space is not None]
         self._times = [time for _, time in source_terms]
-        shares = [_shares(domain, parts, [space for space, _ in source_terms]) for domain in self.domains]
-        self._faces = np.array([on_faces for _, on_faces in shares])  # (tips, drives, modes)
-        total = np.array([on_nodes for on_nodes, _ in shares])  # (tips, modes, nodes, components)
-        nodes = np.flatnonzero(total.any((0, 1, 3)))
-        self._table, self._dt = total[:, :, nodes], near.dt
+        pairs = [_weights(domain, parts, [space for space, _ in source_terms]) for domain in self.domains]
+        self._faces = np.array([of_loads for _, of_loads in pairs])  # (tips, loads, modes)
+        weights = np.array([of_nodes for of_nodes, _ in pairs])  # (tips, modes, nodes, components)
+        nodes = np.flatnonzero(weights.any((0, 1, 3)))
+        self._table, self.dt = weights[:, :, nodes], near.dt
         return RecordRequest(nodes, (), self.every)
 
-    def start(self, step: int, step_values: StepValues) -> None:
-        self._begin_rows({"rows": np.zeros((0, *self._table.shape[:2]))})
-        self.add(step, StepValues(step_values.nodes[1:], ()))
-
-    def add(self, step: int, step_values: StepValues) -> None:
-        kept = slice(-step % self.every, None, self.every)
-        rows = step_values.nodes[kept]
-        if len(rows):
-            steps = np.arange(step, step + len(step_values.nodes))[kept]
-            loads = np.array([[time(self._dt * n) for time in self._times] for n in steps]).reshape(len(steps), -1)
-            # step by step: the rounding of a sum over all depends on how many are added at once
-            found = [np.einsum("tknc,nc->tk", self._table, row) for row in rows]
-            faces = [np.einsum("tjk,j->tk", self._faces, load) for load in loads]
-            self._keep(steps, {"rows": np.add(found, faces)})
+    def rows(self, window: Window) -> Arrays:
+        count, (states,) = len(window.steps), window.values
+        loads = np.array([[time(self.dt * n) for time in self._times] for n in window.steps]).reshape(
+            count, len(self._times)
+        )
+        # step by step: the rounding of a sum over all depends on how many are added at once
+        intensities = np.zeros((count, *self._table.shape[:2]))
+        for row, (state, load) in enumerate(zip(states, loads, strict=True)):
+            intensities[row] = np.einsum("tknc,nc->tk", self._table, state)
+            intensities[row] += np.einsum("tjk,j->tk", self._faces, load)
+        return {"rows": intensities}
 
 
-def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+def _weights(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Return the weights with which displacements enter K, shape (modes, nodes, components), where the force on a node
     is what its bonds exert, and the contributions of loads on the faces per unit of their amplitude, shape (loads,
     modes).
@@ -173,83 +170,85 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
     """
     near, engine, grid, team = parts.whole.near, parts.grid.engine, parts.grid, parts.whole.team
     lattice, components = near.lattice, engine.components
-    mine = np.flatnonzero(parts.near.lattice.own(np.arange(int(np.prod(lattice.shape))))[0])
-    busy = np.abs(domain.loaded).any((0, 2))
-    here = domain.nodes[busy]
+    own_nodes = np.flatnonzero(parts.near.lattice.own(np.arange(int(np.prod(lattice.shape))))[0])
+    is_loaded = np.abs(domain.loaded).any((0, 2))
+    loaded_nodes = domain.nodes[is_loaded]
     linear = np.eye(2 * components).reshape(-1, components, 2)  # gradients of linear fields
 
     def pulled(values: np.ndarray) -> np.ndarray:
         """Return the forces that the bonds exert on the nodes for a field of shape (nodes, components)."""
         level = np.zeros(engine.levels.shape[1], engine.dtype)
-        level[grid.indices] = values[mine].T.reshape(grid.indices.shape)
+        level[grid.indices] = values[own_nodes].T.reshape(grid.indices.shape)
         if team:
             engine.complete(level)
-        found = np.asarray(engine.apply_core(level)[grid.indices], float).reshape(components, -1).T
-        return team.completed(found, mine, len(values), 0)
+        forces = np.asarray(engine.apply_core(level)[grid.indices], float).reshape(components, -1).T
+        return team.completed(forces, own_nodes, len(values), 0)
 
     grid_points = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
-    total = np.zeros((len(grid_points), len(domain.modes), components))
-    total[domain.nodes] += domain.static.swapaxes(0, 1)
+    weights = np.zeros((len(grid_points), len(domain.modes), components))
+    weights[domain.nodes] += domain.static.swapaxes(0, 1)
     for k, loaded in enumerate(domain.loaded):  # the operator is symmetric
-        weights = np.zeros((len(grid_points), components))
-        weights[domain.nodes] = loaded / near.model.source_factor
-        total[:, k] += pulled(weights)
-    at_tip = np.linalg.norm(grid_points[here] - domain.tip, axis=1)
-    often = np.sqrt(1 / np.maximum(at_tip, lattice.spacing / 2))[:, None]
-    forces = np.array([pulled((grid_points - domain.tip) @ gradient.T)[here] for gradient in linear])
-    table = (forces / near.model.source_factor * often).reshape(len(linear), -1).T
-    inside, own = parts.near.lattice.own(here)
-    on_nodes = [np.asarray(load, float).reshape(components, -1).T[own] for load in loads]
-    wanted = [(team.completed(load, np.flatnonzero(inside), len(here), 0) * often).ravel() for load in on_nodes]
-    columns = np.array(wanted).reshape(len(loads), len(table)).T
+        on_loaded = np.zeros((len(grid_points), components))
+        on_loaded[domain.nodes] = loaded / near.model.source_factor
+        weights[:, k] += pulled(on_loaded)
+    at_tip = np.linalg.norm(grid_points[loaded_nodes] - domain.tip, axis=1)
+    root_density = np.sqrt(1 / np.maximum(at_tip, lattice.spacing / 2))[:, None]
+    forces = np.array([pulled((grid_points - domain.tip) @ gradient.T)[loaded_nodes] for gradient in linear])
+    table = (forces / near.model.source_factor * root_density).reshape(len(linear), -1).T
+    inside, own_loaded = parts.near.lattice.own(loaded_nodes)
+    on_nodes = [np.asarray(load, float).reshape(components, -1).T[own_loaded] for load in loads]
+    load_columns = [
+        (team.completed(load, np.flatnonzero(inside), len(loaded_nodes), 0) * root_density).ravel() for load in on_nodes
+    ]
+    columns = np.array(load_columns).reshape(len(loads), len(table)).T
     fitted = np.linalg.lstsq(table, columns, rcond=_UNEVEN)[0]  # (fields, loads)
-    of_linear = np.einsum("nkc,mcb,nb->mk", total, linear, grid_points - domain.tip)
-    return total.swapaxes(0, 1), fitted.T @ of_linear
+    of_linear = np.einsum("nkc,mcb,nb->mk", weights, linear, grid_points - domain.tip)
+    return weights.swapaxes(0, 1), fitted.T @ of_linear
 
 
 def _check_medium(setup: Setup, near: NearField) -> None:
     """Raise InputError unless cracks are stationary in a medium of waves in the plane."""
-    model, wrong, remedy = near.model, None, ""
+    model, reason, remedy = near.model, None, ""
     if near.lattice.dim != 2:
-        wrong, remedy = "intensities are recorded in 2D only", "opening_intensity of the faces in 3D"
+        reason, remedy = "intensities are recorded in 2D only", "opening_intensity of the faces in 3D"
     elif model.order != 2 or model.moduli is None:
-        wrong, remedy = "only elastic media and scalar waves have stress intensity factors", "Elastic or Wave"
+        reason, remedy = "only elastic media and scalar waves have stress intensity factors", "Elastic or Wave"
     elif model.bond_law is not None:
-        wrong = "bonds that are nonlinear or break move the tip, and heat has stresses of its own"
+        reason = "bonds that are nonlinear or break move the tip, and heat has stresses of its own"
         remedy = "CrackTips, or linear bonds that stay"
     elif any(crack.opens or crack.factor for crack in setup.cracks):
-        wrong, remedy = "cracks that open later or carry something have no such field", "cracks from the start on"
-    if wrong is not None:
-        raise InputError(wrong, value=model.title, key="stress_intensity", remedy=remedy)
+        reason, remedy = "cracks that open later or carry something have no such field", "cracks from the start on"
+    if reason is not None:
+        raise InputError(reason, value=model.title, key="stress_intensity", remedy=remedy)
 
 
 def _ends(cuts: Sequence[Cut], near: NearField) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the free tips in the near field, each with the direction in which it would advance."""
-    lattice, found = near.lattice, []
+    lattice, tips = near.lattice, []
     for points in (cut.points for cut in cuts if isinstance(cut, Polyline)):
         if (points[0] == points[-1]).all():
             continue
         for tip, before in ((points[0], points[1]), (points[-1], points[-2])):
             if (tip >= lattice.lower).all() and (tip <= lattice.upper).all():
-                found.append((tip, (tip - before) / np.linalg.norm(tip - before)))
-    if not found:
+                tips.append((tip, (tip - before) / np.linalg.norm(tip - before)))
+    if not tips:
         raise InputError(
             "no crack has a tip in the near field", key="stress_intensity", remedy="cracks=[[(x0, y0), (x1, y1)]]"
         )
-    return found
+    return tips
 
 
 def _nearest(tip: np.ndarray, ends: Sequence[tuple[np.ndarray, np.ndarray]], near: NearField) -> int:
     """Return the number of the tip at a given point."""
-    apart = [float(np.linalg.norm(tip - end)) for end, _ in ends]
-    if min(apart) > near.lattice.spacing / 2:
+    distances = [float(np.linalg.norm(tip - end)) for end, _ in ends]
+    if min(distances) > near.lattice.spacing / 2:
         raise InputError(
             "no crack ends there",
             value=tip.tolist(),
             limit=", ".join(str(end.round(12).tolist()) for end, _ in ends),
             key="stress_intensity.tips",
         )
-    return int(np.argmin(apart))
+    return int(np.argmin(distances))
 
 
 def _circles(
@@ -260,19 +259,15 @@ def _circles(
     edges: tuple[np.ndarray, np.ndarray],
 ) -> tuple[float, float]:
     """Return the given radii, or that of the largest circle around a tip that needs no nodes beyond the near field and
-    keeps away from other corners of cracks, and half of it, or the horizon if that is larger.
-
-    Raises
-    ------
-    InputError
-        The circles come within the horizon of the tip or of the edge.
+    keeps away from other corners of cracks, and half of it, or the horizon if that is larger; raises InputError if the
+    circles come within the horizon of the tip or of the edge.
     """
     lattice = near.lattice
     room = float(min((tip - edges[0]).min(), (edges[1] - tip).min()))
     reach = max(near.stencil.reach) * lattice.spacing
     corners = np.concatenate([cut.points for cut in cuts if isinstance(cut, Polyline)])
-    apart = np.linalg.norm(corners - tip, axis=1)
-    widest = min(room - reach, _PART * float(apart[apart > 0].min()))
+    distances = np.linalg.norm(corners - tip, axis=1)
+    widest = min(room - reach, _PART * float(distances[distances > 0].min()))
     inner, outer = given or (max(widest / 2, reach), widest)
     if inner < reach * (1 - _UNEVEN) or outer > room - reach * (1 - _UNEVEN):
         raise InputError(
@@ -290,7 +285,7 @@ def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the box in which the field is the total one: the near field, and within it the boxes of
     incident waves, outside which it is the scattered one.
     """
-    lattice, regions = parts.whole.near.lattice, [one.region for one in parts.incident]
+    lattice, regions = parts.whole.near.lattice, [incident.region for incident in parts.incident]
     lower = np.max([lattice.lower, *(lattice.lower + lattice.spacing * region.first for region in regions)], axis=0)
     upper = np.min([lattice.upper, *(lattice.lower + lattice.spacing * region.last for region in regions)], axis=0)
     return lower, upper

@@ -15,11 +15,10 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.flux import bonds_left, plane
+from farhorizon.simulation.recorders.flux import bonds_left, is_cut, plane
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
-from farhorizon.simulation.recorders.recorder import Arrays, Plane, RecordRequest, RowRecorder, StepValues, check_begun
-from farhorizon.simulation.recorders.spectra import as_frequencies, check_frequencies
-from farhorizon.simulation.recorders.state_power import NodeStates, states_at
+from farhorizon.simulation.recorders.receivers import as_frequencies, check_frequencies
+from farhorizon.simulation.recorders.recorder import Arrays, Plane, RecordRequest, RowRecorder, Window, check_begun
 from farhorizon.simulation.setup.setup import Setup
 
 _SYMMETRIC = 1e-12  # asymmetry relative to the largest weight of a bond
@@ -90,6 +89,8 @@ class PowerThrough(RowRecorder):
     """
 
     shared = unbroken = True
+    before = after = 1
+    sums: FourierSums
 
     tag: ClassVar[str] = "power"
 
@@ -102,15 +103,15 @@ class PowerThrough(RowRecorder):
         name: str = "power",
     ) -> None:
         super().__init__(name)
-        alone = isinstance(surfaces, Shape) or (
+        single = isinstance(surfaces, Shape) or (
             isinstance(surfaces, tuple) and bool(surfaces) and isinstance(surfaces[0], str)
         )
-        self.surfaces = (surfaces,) if alone else tuple(kinds.sequence(surfaces, "power.surfaces", "surfaces"))
-        for one in self.surfaces:
-            if not isinstance(one, Shape) and not (isinstance(one, list | tuple) and len(one) == 2):
+        self.surfaces = (surfaces,) if single else tuple(kinds.sequence(surfaces, "power.surfaces", "surfaces"))
+        for surface in self.surfaces:
+            if not isinstance(surface, Shape) and not (isinstance(surface, list | tuple) and len(surface) == 2):
                 raise InputError(
                     "a surface is the edge of a region, or a plane",
-                    value=kinds.said(one),
+                    value=kinds.said(surface),
                     limit="a shape, or an axis and a position",
                     key="power.surfaces",
                     remedy='Box(...), Disc(...), or ("x", 2.5)',
@@ -152,7 +153,7 @@ class PowerThrough(RowRecorder):
             There has not been a run.
         """
         check_begun(self.points.size > 0, "energy", "power")
-        sums, dt = self._sums.values, self._dt
+        sums, dt = self.sums.values, self.dt
         through = [np.einsum("fi,fi->f", sums.conj(), (form @ sums.T).T).imag for form in self._forms]
         return np.sin(2 * np.pi * self.frequencies * dt)[:, None] / dt * np.stack(through, axis=-1)
 
@@ -160,7 +161,7 @@ class PowerThrough(RowRecorder):
     def recorded(self) -> Recorded:
         """The recorded data, independent of the run."""
         spectra = {"energy": self.energy()} if self.frequencies.size else {}
-        labels = tuple(_label(*one) for one in zip(self.surfaces, self.points, strict=False))
+        labels = tuple(_label(*surface) for surface in zip(self.surfaces, self.points, strict=False))
         return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra, labels=labels)
 
     # --- in a run ----------------------------------------------------------------------------------------------
@@ -168,49 +169,35 @@ class PowerThrough(RowRecorder):
     def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
-        surfaces = [_surface_of(one, parts) for one in self.surfaces]
-        bonds, passes = [_crossing(parts, one) for one in surfaces], parts.grid.engine.passes
-        nodes = np.unique(np.concatenate([one.ends.ravel() for one in bonds]))
+        surfaces = [_surface_of(surface, parts) for surface in self.surfaces]
+        crossing, passes = [_crossing(parts, surface) for surface in surfaces], parts.grid.engine.passes
+        nodes = np.unique(np.concatenate([bonds.ends.ravel() for bonds in crossing]))
         if passes is not None:
-            states = states_at(parts, nodes)
-            bonds = [_of_known(states, one, at, parts) for one, at in zip(bonds, surfaces, strict=True)]
+            states = _states_at(parts, nodes)
+            crossing = [_of_known(states, *pair, parts) for pair in zip(crossing, surfaces, strict=True)]
             nodes = np.union1d(nodes, states.places)
-        self.points = np.array([one.middle for one in surfaces])
-        self._dt = parts.near.dt
+        self.points = np.array([surface.middle for surface in surfaces])
+        self.dt = parts.near.dt
         mass = parts.near.mass
-        self._forms = [_form(np.searchsorted(nodes, one.ends), mass * one.weights, len(nodes)) for one in bonds]
+        self._forms = [
+            _form(np.searchsorted(nodes, bonds.ends), mass * bonds.weights, len(nodes)) for bonds in crossing
+        ]
         if passes is not None:
-            pushes = mass * passes.sums.divergence
-            of_states = [states.form(nodes, one.ends, pushes[one.offsets]) for one in bonds]
-            self._forms = [one + other for one, other in zip(self._forms, of_states, strict=True)]
+            divergences = mass * passes.sums.divergence
+            of_states = [states.form(nodes, bonds.ends, divergences[bonds.offsets]) for bonds in crossing]
+            self._forms = [of_springs + form for of_springs, form in zip(self._forms, of_states, strict=True)]
+        self.sums = FourierSums(self.frequencies, self.dt, parts.near.stencil.components * len(nodes))
         return RecordRequest(nodes, ())
 
-    def start(self, step: int, step_values: StepValues) -> None:
-        self.forget()
-        self._last = step_values.nodes
-        self._sums = FourierSums(self.frequencies, self._dt, int(np.prod(step_values.nodes.shape[1:])))
-        self._sums.add(step, step_values.nodes[1:].reshape(1, -1))
-
-    def add(self, step: int, step_values: StepValues) -> None:
-        rows = np.concatenate([self._last, step_values.nodes]).reshape(len(step_values.nodes) + 2, -1)
-        self._last = rows[-2:].reshape(2, *step_values.nodes.shape[1:])
-        if self.frequencies.size:
-            self._sums.add(step, rows[2:])
-        now, twice = rows[1:-1], rows[2:] - rows[:-2]
+    def rows(self, window: Window) -> Arrays:
+        earlier, now, later = (
+            values.reshape(len(values), np.prod(values.shape[1:], dtype=int)) for values in window.values
+        )
+        twice = later - earlier
         # row by row in the same order, however many steps are added at once: a run that is resumed has the same rows
         pulls = (np.ascontiguousarray((form @ twice.T).T) for form in self._forms)
-        powers = [-(now * pull).sum(1) / (4 * self._dt) for pull in pulls]
-        self._keep(np.arange(len(now)) + step - 1, {"power": np.stack(powers, axis=-1)})
-
-    def state(self) -> Arrays:
-        sums = {f"sums.{name}": array for name, array in self._sums.state().items()} if self.frequencies.size else {}
-        return {**super().state(), "last": self._last, **sums}
-
-    def take(self, state: Arrays) -> None:
-        super().take(state)
-        self._last = state["last"].copy()
-        if self.frequencies.size:
-            self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
+        powers = [-(now * pull).sum(1) / (4 * self.dt) for pull in pulls]
+        return {"power": np.stack(powers, axis=-1)}
 
 
 def _label(given: Any, middle: np.ndarray) -> str:
@@ -221,54 +208,43 @@ def _label(given: Any, middle: np.ndarray) -> str:
 
 
 class _Surface(NamedTuple):
-    """A surface between nodes.
+    """A surface between nodes."""
 
-    Attributes
-    ----------
-    given : Shape or (str, float)
-    axes : list of int
-        Axes along which bonds that cross the surface must not lead out of the near field; along the others a plane ends
-        at its edge.
-    sides : ndarray of int
-        For each node of this part of the lattice and within one reach around it, an index that increases across the
-        surface.
-    middle : ndarray, shape (dim,)
-    """
-
-    given: Any
+    given: Any  # a shape, or (str, float)
+    # axes along which bonds that cross the surface must not lead out of the near field; along the others a plane ends
+    # at its edge
     axes: list[int]
+    # for each node of this part of the lattice and within one reach around it, an index that increases across the
+    # surface
     sides: np.ndarray
-    middle: np.ndarray
+    middle: np.ndarray  # shape (dim,)
 
 
 def _surface_of(given: Any, parts: Parts) -> _Surface:
-    """Return a region or a plane as a surface between nodes. A region is continued periodically across all sides of the
-    lattice, a plane across periodic ones.
-
-    Raises
-    ------
-    InputError
-        There is no node in the region, or no such plane.
+    """Return a region or a plane as a surface between nodes; raises InputError if there is no node in the region, or no
+    such plane. A region is continued periodically across all sides of the lattice, a plane across periodic ones.
     """
     part, lattice, team = parts.near.lattice, parts.whole.near.lattice, parts.whole.team
-    more = parts.near.stencil.reach
-    around = [np.arange(first - m, first + n + m) for first, n, m in zip(part.first, part.shape, more, strict=True)]
+    reach = parts.near.stencil.reach
+    indices = [np.arange(first - m, first + n + m) for first, n, m in zip(part.first, part.shape, reach, strict=True)]
     if not isinstance(given, Shape):
         try:
             axis, row = plane(lattice, *given)
         except InputError as error:
             raise error.at("power.surfaces") from None
-        past = around[axis] - row - 1
-        sides = past // lattice.shape[axis] if parts.whole.sides[axis, -1].periodic else (past >= 0).astype(int)
-        others = [a for a in range(lattice.dim) if a != axis]
+        rows_past = indices[axis] - row - 1
+        sides = (
+            rows_past // lattice.shape[axis] if parts.whole.sides[axis, -1].periodic else (rows_past >= 0).astype(int)
+        )
+        other_axes = [a for a in range(lattice.dim) if a != axis]
         middle = (lattice.lower + lattice.upper) / 2
         middle[axis] = lattice.lower[axis] + (row + 0.5) * lattice.spacing
-        shape = [len(along) for along in around]
-        return _Surface(given, [axis], np.broadcast_to(np.expand_dims(sides, others), shape), middle)
-    axes = [along[places % len(along)] for along, places in zip(lattice.axes, around, strict=True)]
+        shape = [len(along) for along in indices]
+        return _Surface(given, [axis], np.broadcast_to(np.expand_dims(sides, other_axes), shape), middle)
+    axes = [along[places % len(along)] for along, places in zip(lattice.axes, indices, strict=True)]
     inside = np.asarray(given.contains(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)))
-    nodes = np.argwhere(inside[tuple(slice(m, -m or None) for m in more)]) + np.array(part.first)
-    total, count = (sum(one) for one in zip(*team.gather((nodes.sum(axis=0), len(nodes))), strict=True))
+    nodes = np.argwhere(inside[tuple(slice(m, -m or None) for m in reach)]) + np.array(part.first)
+    total, count = map(sum, zip(*team.gather((nodes.sum(axis=0), len(nodes))), strict=True))
     if not count:
         raise InputError(
             "no node of the near field lies in the region",
@@ -277,11 +253,11 @@ def _surface_of(given: Any, parts: Parts) -> _Surface:
             key="power.surfaces",
             remedy="move it inside or enlarge the lattice",
         )
-    near = [
+    in_near_field = [
         parts.whole.sides[a, -1].periodic | ((along >= 0) & (along < lattice.shape[a]))
-        for a, along in enumerate(around)
+        for a, along in enumerate(indices)
     ]
-    inside = inside & reduce(np.logical_and.outer, near)
+    inside = inside & reduce(np.logical_and.outer, in_near_field)
     middle = lattice.lower + lattice.spacing * total / count
     return _Surface(given, list(range(lattice.dim)), (~inside).astype(int), middle)
 
@@ -290,89 +266,77 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
     """Raise InputError unless the bonds are those of a linear wave equation and do not change."""
     model, weights = parts.near.model, parts.grid.engine.weights
     # the remedy: the energy flux of the continuum, from stresses and velocities
-    receivers, wrong = 'Receivers with record = "energy_flux", up to their interpolation', None
+    receivers, reason = 'Receivers with record = "energy_flux", up to their interpolation', None
     if model.order != 2:
-        wrong = "a field that diffuses carries no energy of waves", "Simulation.power_across, which tells the heat"
+        reason = "a field that diffuses carries no energy of waves", "Simulation.power_across, which tells the heat"
     elif model.bond_law is not None:
-        wrong = "the power of bonds that are nonlinear, break or are strained by heat is not known", receivers
+        reason = "the power of bonds that are nonlinear, break or are strained by heat is not known", receivers
     elif any(crack.opens for crack in setup.cracks):
-        wrong = "cracks that open later change the bonds", f"cracks from the start on; or {receivers}"
+        reason = "cracks that open later change the bonds", f"cracks from the start on; or {receivers}"
     elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():
-        wrong = "the weights of bonds are no symmetric matrices", receivers
-    if wrong is not None:
+        reason = "the weights of bonds are no symmetric matrices", receivers
+    if reason is not None:
         raise InputError(
-            wrong[0], value=model.title, limit="linear waves by symmetric bonds that stay", key="power", remedy=wrong[1]
+            reason[0],
+            value=model.title,
+            limit="linear waves by symmetric bonds that stay",
+            key="power",
+            remedy=reason[1],
         )
 
 
 class _Bonds(NamedTuple):
-    """Bonds across a surface.
+    """Bonds across a surface."""
 
-    Attributes
-    ----------
-    ends : ndarray of int, shape (bonds, 2)
-        Flat numbers of the nodes inside and outside.
-    offsets : ndarray of int, shape (bonds,)
-        Number of the offset of each.
-    weights : ndarray, shape (bonds, c, c)
-        Their remaining weights; for a material with states those of the springs next to these.
-    """
-
-    ends: np.ndarray
-    offsets: np.ndarray
-    weights: np.ndarray
+    ends: np.ndarray  # flat numbers of the nodes inside and outside, shape (bonds, 2)
+    offsets: np.ndarray  # number of the offset of each, shape (bonds,)
+    weights: np.ndarray  # what is left of them, with states those of the springs next to these; shape (bonds, c, c)
 
 
 def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
-    """Return the bonds of the near field, including those across periodic sides, from nodes inside to nodes outside.
-    Each process examines those of its nodes.
-
-    Raises
-    ------
-    InputError
-        Bonds through the surface lead beyond the near field.
+    """Return the bonds of the near field, including those across periodic sides, from nodes inside to nodes outside, of
+    which each process examines those of its nodes; raises InputError if some lead beyond the near field.
     """
     grid, engine, part, lattice = parts.grid, parts.grid.engine, parts.near.lattice, parts.whole.near.lattice
-    more, shape, sides = np.array(parts.near.stencil.reach), np.array(lattice.shape), surface.sides
+    reach, shape, sides = np.array(parts.near.stencil.reach), np.array(lattice.shape), surface.sides
     # only nodes within one reach of the surface have bonds that cross it
-    beside = maximum_filter(sides, 2 * more + 1) != minimum_filter(sides, 2 * more + 1)
-    own = np.argwhere(beside[tuple(slice(m, -m or None) for m in more)])
-    index, here = own + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own.T)]
-    side = sides[tuple((own + more).T)]
+    next_to_surface = maximum_filter(sides, 2 * reach + 1) != minimum_filter(sides, 2 * reach + 1)
+    own_index = np.argwhere(next_to_surface[tuple(slice(m, -m or None) for m in reach)])
+    index, here = own_index + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own_index.T)]
+    side = sides[tuple((own_index + reach).T)]
     wraps = np.array([parts.whole.sides[a, -1].periodic for a in range(lattice.dim)])
-    ends, found = [np.zeros((0, 3), np.int64)], [np.zeros((0, engine.components, engine.components))]
+    ends, weights = [np.zeros((0, 3), np.int64)], [np.zeros((0, engine.components, engine.components))]
     for number, (offset, weight) in enumerate(zip(engine.offsets, engine.weights, strict=True)):
         step = offset[grid.lead :]
-        there = np.where(wraps, (index + step) % shape, index + step)
-        out, rise = (there < 0) | (there >= shape), sides[tuple((own + more + step).T)] - side
-        near, crosses = ~out.any(axis=1), rise > 0
-        leads_out = out[:, surface.axes].any(axis=1) & (rise != 0)
-        some = np.flatnonzero(crosses & near | leads_out)
-        left = bonds_left(engine, here[some], here[some] + int(offset @ np.array(engine.core.stride)), weight)
-        if (left[leads_out[some]] > 0).any():
+        neighbours = np.where(wraps, (index + step) % shape, index + step)
+        outside, side_change = (
+            (neighbours < 0) | (neighbours >= shape),
+            sides[tuple((own_index + reach + step).T)] - side,
+        )
+        within, crosses = ~outside.any(axis=1), side_change > 0
+        leads_out = outside[:, surface.axes].any(axis=1) & (side_change != 0)
+        some = np.flatnonzero(crosses & within | leads_out)
+        factor_left = bonds_left(engine, here[some], here[some] + int(offset @ np.array(engine.core.stride)), weight)
+        if (factor_left[leads_out[some]] > 0).any():
             raise _leads_out(parts, surface)
-        kept, left = some[left > 0], left[left > 0]
-        pair = (np.ravel_multi_index(tuple(one[kept].T), lattice.shape) for one in (index, there))
-        ends.append(np.stack([*pair, np.full(len(kept), number)], axis=-1))
-        found.append(left[:, None, None] * weight.reshape(engine.components, engine.components))
-    every = parts.whole.team.gather((np.concatenate(ends), np.concatenate(found)))
-    bonds, weights = (np.concatenate(one) for one in zip(*every, strict=True))
-    order = np.lexsort((bonds[:, 0], bonds[:, 2]))  # as on a single process
-    return _Bonds(bonds[order, :2], bonds[order, 2], weights[order])
+        existing, factor_left = some[factor_left > 0], factor_left[factor_left > 0]
+        pair_nodes = (np.ravel_multi_index(tuple(nodes[existing].T), lattice.shape) for nodes in (index, neighbours))
+        ends.append(np.stack([*pair_nodes, np.full(len(existing), number)], axis=-1))
+        weights.append(factor_left[:, None, None] * weight.reshape(engine.components, engine.components))
+    of_all = parts.whole.team.gather((np.concatenate(ends), np.concatenate(weights)))
+    numbers, all_weights = map(np.concatenate, zip(*of_all, strict=True))
+    order = np.lexsort((numbers[:, 0], numbers[:, 2]))  # as on a single process
+    return _Bonds(numbers[order, :2], numbers[order, 2], all_weights[order])
 
 
-def _of_known(states: NodeStates, bonds: _Bonds, surface: _Surface, parts: Parts) -> _Bonds:
-    """Return the bonds whose ends both have known states; where a plane ends, some may not.
-
-    Raises
-    ------
-    InputError
-        States next to the surface depend on what lies beyond the near field.
+def _of_known(states: _NodeStates, bonds: _Bonds, surface: _Surface, parts: Parts) -> _Bonds:
+    """Return the bonds whose ends both have known states; where a plane ends, some may not. Raises InputError if states
+    next to the surface depend on what lies beyond the near field.
     """
     known = states.knows(bonds.ends)
     if not known[:, surface.axes].all():
         raise _leads_out(parts, surface)
-    return _Bonds(*(one[known.all(axis=1)] for one in bonds))
+    return _Bonds(*(table[known.all(axis=1)] for table in bonds))
 
 
 def _leads_out(parts: Parts, surface: _Surface) -> InputError:
@@ -401,3 +365,88 @@ def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:
                     values.append(sign * weights[:, a, b])
     size = components * count
     return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
+
+
+# --- states of nodes -----------------------------------------------------------------------------------------------
+
+
+class _NodeStates(NamedTuple):
+    """States of some nodes, after the law of each node, as sums over displacements."""
+
+    nodes: np.ndarray  # flat numbers in the lattice, sorted, shape (E,)
+    # whether all displacements that a state depends on lie in the near field, along each axis; shape (E, dim)
+    known: np.ndarray
+    owners: np.ndarray  # for each term, the index in `nodes` of the node whose state it belongs to, shape (T,)
+    places: np.ndarray  # for each term, the flat number of the node whose displacement it multiplies, shape (T,)
+    terms: np.ndarray  # matrices that multiply these displacements, shape (T, n, components)
+
+    def knows(self, ends: np.ndarray) -> np.ndarray:
+        """For bonds with ends of shape (bonds, 2), whether the states of both ends are known, along each axis."""
+        return np.asarray(self.known[np.searchsorted(self.nodes, ends)].all(1))
+
+    def form(self, nodes: np.ndarray, ends: np.ndarray, divergences: np.ndarray) -> csr_array:
+        """Return the matrix A of ``u . A w = sum over bonds of 2 (w_x . D p_y(u) + w_y . D p_x(u))``, given the sorted
+        nodes on which u and w are given, node by node, the nodes x and y of each bond, shape (bonds, 2), and its matrix
+        D, shape (bonds, components, n).
+        """
+        size, components = divergences.shape[2], divergences.shape[1]
+        x, y = np.searchsorted(self.nodes, ends).T
+        at_x, at_y = np.searchsorted(nodes, ends).T
+        shape = size * len(self.nodes), components * len(nodes)
+        to_states = _blocks(self.owners, np.searchsorted(nodes, self.places), self.terms, shape)
+        at_ends, state_nodes = np.concatenate([at_x, at_y]), np.concatenate([y, x])
+        powers = _blocks(state_nodes, at_ends, np.tile(2 * divergences.swapaxes(1, 2), (2, 1, 1)), shape)
+        return csr_array(to_states.T @ powers)
+
+
+def _blocks(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> csr_array:
+    """Return a sparse matrix of blocks, given their values, of shape (count, n, c), and their block rows and
+    columns.
+    """
+    _, n, c = values.shape
+    row = np.broadcast_to((n * rows)[:, None, None] + np.arange(n)[:, None], values.shape)
+    column = np.broadcast_to((c * columns)[:, None, None] + np.arange(c), values.shape)
+    return csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
+
+
+def _states_at(parts: Parts, nodes: np.ndarray) -> _NodeStates:
+    """Return the states of some nodes, given by their sorted flat numbers; each process contributes those of its own
+    nodes.
+    """
+    engine, near, lattice = parts.grid.engine, parts.near, parts.whole.near.lattice
+    passes = engine.passes
+    assert passes is not None
+    sums, shape = passes.sums, np.array(lattice.shape)
+    inside, own_nodes = near.lattice.own(nodes)
+    here, index = parts.grid.nodes.ravel()[own_nodes], np.stack(np.unravel_index(nodes[inside], lattice.shape), -1)
+    wraps = np.array([parts.whole.sides[a, -1].periodic for a in range(lattice.dim)])
+    dim = sums.shapes.shape[1]
+    shapes, known = np.zeros((len(here), dim, dim)), np.ones((len(here), lattice.dim), bool)
+    bonds, exists = [], engine.absent.exists
+    for k, offset in enumerate(engine.offsets):
+        neighbours = here + int(offset @ np.array(engine.core.stride))
+        present = (
+            exists[here]
+            & exists[neighbours]
+            & ~is_cut(engine.tables.gradient_pass.cuts, engine.layout.size, here, neighbours)[0]
+        )
+        neighbour_index = index + offset[parts.grid.lead :]
+        neighbour_index = np.where(wraps, neighbour_index % shape, neighbour_index)
+        within = (neighbour_index >= 0) & (neighbour_index < shape)
+        known &= within | ~present[:, None]
+        shapes += (exists[neighbours] if sums.kept else present)[:, None, None] * sums.shapes[k]
+        bonds.append((k, np.flatnonzero(present & within.all(1)), neighbour_index))
+    laws = sums.law(shapes, passes.moduli_at(here)) if len(here) else np.zeros((0, *sums.gradient.shape[1:2] * 2))
+    owners, places, terms = [], [], []
+    number = np.flatnonzero(inside)
+    for k, existing, neighbour_index in bonds:
+        term = laws[existing] @ sums.gradient[k]
+        for sign, ends in ((1.0, neighbour_index[existing]), (-1.0, index[existing])):
+            owners.append(number[existing])
+            places.append(np.ravel_multi_index(tuple(ends.T), lattice.shape))
+            terms.append(sign * term)
+    of_process = number, known, *map(np.concatenate, (owners, places, terms))
+    numbers, known_there, *tables = map(np.concatenate, zip(*parts.whole.team.gather(of_process), strict=True))
+    all_known = np.zeros((len(nodes), lattice.dim), bool)
+    all_known[numbers] = known_there
+    return _NodeStates(nodes, all_known, *tables)

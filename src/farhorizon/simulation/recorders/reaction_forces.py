@@ -9,7 +9,7 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, StepValues
+from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, StepValues, Window
 from farhorizon.simulation.setup.setup import Setup
 
 _ROUNDING = 2.0**-24  # of a number in single precision, relative to it
@@ -75,6 +75,7 @@ class Reaction(RowRecorder):
     """
 
     shared = True
+    after = 1
 
     def __init__(self, region: Shape | None = None, every: int = 1, name: str = "reaction") -> None:
         super().__init__(name)
@@ -113,8 +114,8 @@ class Reaction(RowRecorder):
                 remedy="a shape of the lattice's dimension",
             )
         if self.region is not None and groups:
-            held = np.unique(np.concatenate(groups))
-            groups = [held[np.isin(held, lattice.inside(self.region))]]
+            prescribed = np.unique(np.concatenate(groups))
+            groups = [prescribed[np.isin(prescribed, lattice.inside(self.region))]]
         if not any(map(len, groups)):
             raise InputError(
                 "no node in the region is prescribed" if near.prescribed.nodes else "no node of the run is prescribed",
@@ -125,11 +126,10 @@ class Reaction(RowRecorder):
                 "ones, and let the side be free",
             )
         self._labels = tuple(f"constraint {i}" for i in range(len(groups))) if self.region is None else (self.name,)
-        corner, spacing = np.array(lattice.lower), lattice.spacing
-        places = [np.stack(np.unravel_index(nodes, lattice.shape), -1) for nodes in groups]
-        self.points = np.array([corner + spacing * one.mean(0) for one in places])
+        centres = [np.stack(np.unravel_index(nodes, lattice.shape), -1).mean(0) for nodes in groups]
+        self.points = np.array([np.array(lattice.lower) + lattice.spacing * centre for centre in centres])
         self._ends = np.cumsum([0, *map(len, groups)])
-        self._mass, self._dt, self._background = near.mass, near.dt, near.background
+        self._mass, self.dt, self._background = near.mass, near.dt, near.background
         self._vector = near.stencil.components > 1
         self.notes = [_rounded(self.name)] if parts.grid.engine.dtype.itemsize < 8 else []
         return RecordRequest(np.concatenate(groups), (), held=tuple(groups))
@@ -140,32 +140,14 @@ class Reaction(RowRecorder):
         inside.flat[nodes] = True
         return parts.whole.numbers(inside, parts.near.lattice)
 
-    def start(self, step: int, heard: StepValues) -> None:
-        groups, components = len(self._ends) - 1, heard.nodes.shape[2]
-        none = np.zeros((0, groups, components) if self._vector else (0, groups))
-        self._begin_rows({"force": none, "displacement": none})
-        self._last = self._means(heard.nodes[1:])
-
-    def add(self, step: int, heard: StepValues) -> None:
-        means = np.concatenate([self._last, self._means(heard.nodes)])
-        self._last = means[-1:]
-        kept = slice(-(step - 1) % self.every, None, self.every)
-        steps = np.arange(step - 1, step - 1 + len(heard.nodes))[kept]
-        if len(steps):
-            rows = {"force": self._mass * heard.forces[kept], "displacement": means[:-1][kept]}
-            self._keep(steps, rows if self._vector else {name: one[..., 0] for name, one in rows.items()})
-
-    def _means(self, nodes: np.ndarray) -> np.ndarray:
+    def functional(self, step_values: StepValues) -> np.ndarray:
         """Return the mean of the field over each group, shape (steps, groups, components)."""
-        pairs = zip(self._ends[:-1], self._ends[1:], strict=True)
+        pairs, nodes = zip(self._ends[:-1], self._ends[1:], strict=True), step_values.nodes
         return np.stack([nodes[:, first:end].mean(1) for first, end in pairs], 1) + self._background
 
-    def state(self) -> Arrays:
-        return {**super().state(), "last": self._last}
-
-    def take(self, state: Arrays) -> None:
-        super().take(state)
-        self._last = state["last"].copy()
+    def rows(self, window: Window) -> Arrays:
+        rows = {"force": self._mass * window.forces, "displacement": window.values[0]}
+        return rows if self._vector else {name: values[..., 0] for name, values in rows.items()}
 
 
 def _rounded(name: str) -> str:

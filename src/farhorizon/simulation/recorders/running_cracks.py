@@ -84,28 +84,14 @@ def rayleigh_speed(lame: float, shear: float, density: float) -> float:
 
 @dataclass(frozen=True)
 class RunningCrack:
-    """A crack in the infinite plane, or in a slab of one node, that follows a pair of forces.
+    """A crack in the infinite plane, or in a slab of one node, that follows a pair of forces."""
 
-    Attributes
-    ----------
-    sim : Simulation
-        Simulation at its end.
-    tips : CrackTips
-    ahead : ndarray, shape (2,)
-        Direction in which the forces move, in the plane across the front.
-    horizon : float
-    load : Source
-        Forces per volume.
-    thickness : float
-        Thickness of the slab; 1 in 2D.
-    """
-
-    sim: Any
+    sim: Any  # at its end
     tips: CrackTips
-    ahead: np.ndarray
+    ahead: np.ndarray  # direction in which the forces move, in the plane across the front, shape (2,)
     horizon: float
-    load: Source
-    thickness: float = 1.0
+    load: Source  # forces per volume
+    thickness: float = 1.0  # of the slab; 1 in 2D
 
     @property
     def way(self) -> np.ndarray:
@@ -141,7 +127,7 @@ class RunningCrack:
         """
         sim, model = self.sim, self.sim.model
         assert isinstance(model, Elastic)
-        medium, found = NearTip(model.lame, model.shear), []
+        medium, fluxes = NearTip(model.lame, model.shear), []
         apart = round(_ONWARD * self.horizon / _MOMENTS / (self.speed * sim.dt))
         for _ in range(_MOMENTS):
             sim.step(max(1, apart - 2))
@@ -157,9 +143,9 @@ class RunningCrack:
             crack = Polyline([tip + 2 * _LEFT * self.horizon * self.ahead, tip])
             domain = InteractionDomain(sim.lattice, tip, self.ahead, radii, [crack], medium)
             force = model.density * acceleration - load
-            held = sim.fields["damage"] < 1
-            found.append(domain.energy_release(u, velocity, model.density, force, held))
-        return float(np.median(found))  # where the crack changes rows within the circles, it is not straight
+            unbroken = sim.fields["damage"] < 1
+            fluxes.append(domain.energy_release(u, velocity, model.density, force, unbroken))
+        return float(np.median(fluxes))  # where the crack changes rows within the circles, it is not straight
 
     def _straightened(self, inner: float, outer: float) -> np.ndarray:
         """Return the foremost tip, moved sideways to the line along which its crack crosses the circles."""
@@ -180,26 +166,11 @@ def crack_after_forces(
     push: float = 1.2,
     dim: int = 2,
 ) -> RunningCrack:
-    """Run a crack that follows a pair of forces.
+    """Run a crack that follows a pair of forces through a model whose bonds break, in the plane or a slab of one node.
 
-    Parameters
-    ----------
-    runs : callable
-        Makes a run of a set-up, given its recorders.
-    model : Elastic
-        With bonds that break.
-    spacing : float
-        Spacing of the lattice.
-    energy : float
-        Energy per new area that is expected, from which the forces follow.
-    speed : float
-        Speed of the forces, relative to that of Rayleigh waves.
-    turn : float
-        Angle of the crack to the lattice.
-    push : float
-        Factor on the forces that hold the tip five horizons ahead of them if it spends the expected energy.
-    dim : {2, 3}
-        The plane, or a slab of one node.
+    The forces hold the tip five horizons ahead of them if it spends the expected energy per new area; `push` is a
+    factor on them, `speed` their speed relative to that of Rayleigh waves, `turn` the angle of the crack to the
+    lattice.
     """
     assert isinstance(model.kernel, Kernel)
     size, young, density = model.kernel.horizon, model.young, model.density
@@ -208,7 +179,7 @@ def crack_after_forces(
     ends = _LEFT - _BESIDE, _TIP + _WAY + _BESIDE
     corners = size * np.array([x * ahead + y * across for x in ends for y in (-_HIGH, _HIGH)])
     # nodes at half-integer multiples of the spacing: a crack along an axis lies between two rows
-    lower, upper = (spacing * (np.floor(one / spacing) + 0.5) for one in (corners.min(0), corners.max(0)))
+    lower, upper = (spacing * (np.floor(corner / spacing) + 0.5) for corner in (corners.min(0), corners.max(0)))
     medium = NearTip(model.lame, model.shear)
     total = push * np.sqrt(medium.stiffness * energy * np.pi * _LEAD * size / 2)
     amplitude = total / (np.pi * _ALONG * _ACROSS * size**2)
@@ -227,24 +198,24 @@ def crack_after_forces(
     tips, source = CrackTips(every=10), Source(load)
     start, tip = _LEFT * size * ahead, _TIP * size * ahead
     around: dict[str, Side] = {"all": LatticePML(nodes=12)}
-    crack: Any = [start, tip]
+    cut: Any = [start, tip]
     if dim == 3:
         # layers in 3D would take most of the time, and the forces hardly emit waves
         around = {"x": Periodic(), "all": Sponge(round(_SPONGE * size / spacing))}
-        crack = Rectangle([-2 * _HIGH * size, *start], [4 * _HIGH * size, 0.0, 0.0], [0.0, *(tip - start)])
+        cut = Rectangle([-2 * _HIGH * size, *start], [4 * _HIGH * size, 0.0, 0.0], [0.0, *(tip - start)])
     lattice = Lattice(spacing, (*front, *lower), (*front, *upper))
-    found = RunningCrack(
-        runs(Setup(lattice, model, around, sources=[source], cracks=[crack]), [tips]),
+    crack = RunningCrack(
+        runs(Setup(lattice, model, around, sources=[source], cracks=[cut]), [tips]),
         tips,
         ahead,
         size,
         source,
         spacing ** (dim - 2),
     )
-    sim, latest = found.sim, (_FIRST + _WAY) * size / moving
-    while not found.follows and sim.time < latest:
+    sim, latest = crack.sim, (_FIRST + _WAY) * size / moving
+    while not crack.follows and sim.time < latest:
         sim.step(int(size / (moving * sim.dt)))
-    return found
+    return crack
 
 
 def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float:
@@ -252,20 +223,9 @@ def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float
     modulus, the horizon and the square of the critical stretch; in 2D the mean of cracks along an axis of the lattice
     and at an angle to it. It is taken from the cache of the program if it is there.
 
-    Parameters
-    ----------
-    runs : callable
-        Makes a run of a set-up, given its recorders.
-    model : Elastic
-        With constants that are numbers; its own strength does not matter.
-    spacing : float
-    dim : {2, 3}
-
-    Raises
-    ------
-    InputError
-        There is no kernel, the lattice is too coarse or too fine, or no crack runs or spends energy in the material, as
-        in a correspondence material without stabilisation.
+    The constants of the model are numbers; its own strength does not matter. Raises InputError if there is no kernel,
+    the lattice is too coarse or too fine, or no crack runs or spends energy in the material, as in a correspondence
+    material without stabilisation.
     """
     if not isinstance(model.kernel, Kernel):
         raise InputError(
@@ -283,12 +243,12 @@ def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float
         )
     tried = _in_units_of_the_lattice(model, model.kernel, spacing)
     path = _cache_file(tried, dim)
-    if (found := kept(path)) is None:
+    if (stored := kept(path)) is None:
         with awaited(path.with_suffix(".lock")):  # several processes may want the same one
-            if (found := kept(path)) is None:
-                found = {"factor": np.array(_energy_factor(runs, tried, dim))}
-                keep(path, **found)
-    return float(found["factor"])
+            if (stored := kept(path)) is None:
+                stored = {"factor": np.array(_energy_factor(runs, tried, dim))}
+                keep(path, **stored)
+    return float(stored["factor"])
 
 
 def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> Elastic:
@@ -296,8 +256,8 @@ def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> 
     break.
     """
     moduli = {name: getattr(model, name) / model.young for name in ("young", "bulk", "shear")}
-    given = moduli | {"poisson": model.poisson}
-    tried = model.linearised.with_constants({name: round(value, _DIGITS) for name, value in given.items()})
+    constants = moduli | {"poisson": model.poisson}
+    tried = model.linearised.with_constants({name: round(value, _DIGITS) for name, value in constants.items()})
     unit = spacing * np.sqrt(model.density / model.young)
     width = None if kernel.width is None else round(kernel.width / spacing, _DIGITS)
     tried = tried.with_constants({"density": 1.0})
@@ -315,33 +275,33 @@ def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
         file=sys.stderr,
         flush=True,
     )
-    unit, spent = model.young * model.kernel.horizon * _STRETCH**2, []
+    unit, energies = model.young * model.kernel.horizon * _STRETCH**2, []
     expected = unit * (12 / (5 * np.pi) if dim == 2 else 6 / 5)  # of single bonds, see `farhorizon.medium.fracture`
     for turn in TURNS[dim]:
         expected = _spent(runs, model, dim, turn, expected)
-        spent.append(expected)
-    return float(np.mean(spent)) / unit
+        energies.append(expected)
+    return float(np.mean(energies)) / unit
 
 
 def _spent(runs: Runs, model: Elastic, dim: int, turn: float, expected: float) -> float:
     """Return what a crack at an angle to the lattice spends per new area, given an estimate of it."""
     stuck = 0.0  # estimate for which no crack ran: on coarse lattices a crack needs more energy than it spends
     for _ in range(_TRIES):
-        found = crack_after_forces(runs, model, 1.0, expected, turn=turn, dim=dim)
-        if found.follows and abs(found.spent - expected) <= _AGREES * expected:
+        crack = crack_after_forces(runs, model, 1.0, expected, turn=turn, dim=dim)
+        if crack.follows and abs(crack.spent - expected) <= _AGREES * expected:
             break
-        if found.follows and found.spent > 0:
-            expected = max(found.spent, _MORE * stuck)  # determines the forces
+        if crack.follows and crack.spent > 0:
+            expected = max(crack.spent, _MORE * stuck)  # determines the forces
         else:
             stuck, expected = expected, _MORE**2 * expected
-    if not found.follows or found.spent <= 0:
+    if not crack.follows or crack.spent <= 0:
         raise InputError(
-            "bonds that break dissipate no energy" if found.follows else "no crack runs through this material",
-            value=found.spent if found.follows else "none",
+            "bonds that break dissipate no energy" if crack.follows else "no crack runs through this material",
+            value=crack.spent if crack.follows else "none",
             key="model.fracture_energy",
             remedy="a larger horizon, or for a correspondence material a stabilisation",
         )
-    return found.spent
+    return crack.spent
 
 
 # the modules that determine how a crack runs, which bonds break and which energy is lost with them
@@ -356,26 +316,14 @@ def _cache_file(model: Elastic, dim: int) -> Path:
     for table in Stencil.family(model.kernel, 1.0, dim):
         mark.update(np.ascontiguousarray(table).tobytes())
     names = ("material", "plane", "stabilisation", "damping", "drag", "shape_tensor")
-    given = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
-    mark.update(repr((dim, model.kernel.calibrate, *given)).encode())
+    constants = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
+    mark.update(repr((dim, model.kernel.calibrate, *constants)).encode())
     return cache_folder() / f"toughness_{mark.hexdigest()[:24]}.npz"
 
 
 def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
-    """Return the set-up with a model whose bonds can convert its fracture energy into a critical stretch.
-
-    Parameters
-    ----------
-    setup : Setup
-    runs : callable
-        Makes a run of a set-up, given its recorders.
-    team : ProcessGroup
-        Processes that compute the run; the first one determines the number.
-
-    Raises
-    ------
-    InputError
-        As for `energy_factor`; or Poisson's ratio varies.
+    """Return the set-up with a model whose bonds can convert its fracture energy into a critical stretch; the first of
+    several processes determines the number. Raises InputError as `energy_factor`, and if Poisson's ratio varies.
     """
     law = setup.model.bond_law
     if law is None or law.fracture_energy is None or law.energy_factor is not None or setup.model.bonds:
@@ -389,7 +337,7 @@ def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
             key="model.fracture_energy",
             remedy="critical_stretch, by region that of fh.calibrated_stretch",
         )
-    lattice, host, model = setup.lattice, cast(Elastic, medium.model), cast(Elastic, copy.copy(setup.model))
-    factor = team.by_first(lambda: energy_factor(runs, host, lattice.spacing, lattice.dim))
+    lattice, reference, model = setup.lattice, cast(Elastic, medium.model), cast(Elastic, copy.copy(setup.model))
+    factor = team.by_first(lambda: energy_factor(runs, reference, lattice.spacing, lattice.dim))
     model.energy_factor = team.first(factor)
     return replace(setup, model=model)

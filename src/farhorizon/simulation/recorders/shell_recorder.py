@@ -15,9 +15,11 @@ from farhorizon.inputs.incidence import Region, region_of, resolved_box
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.recorders.recorder import (
+    Arrays,
     RecordRequest,
     RowRecorder,
     StepValues,
+    Window,
     check_from_start,
     size_of_record,
 )
@@ -103,35 +105,26 @@ class ShellRecorder(RowRecorder):
         of_whole = np.ravel_multi_index(tuple(nodes.T), near.lattice.shape)
         self._medium = scheme.rate * _factor(setup, parts, of_whole)
         self.notes = _check_rest(parts, region)
-        self.points, self._dt = region.places(nodes), near.dt
+        self.points, self.dt = region.places(nodes), near.dt
         return RecordRequest(of_whole, ())
 
     def foresee(self, until: float, steps: int) -> None:
-        """Determine, before a run, how much will be recorded.
-
-        Raises
-        ------
-        InputError
-            The record does not fit into memory.
-        """
+        """Determine, before a run, how much will be recorded; raises InputError if it does not fit into memory."""
         need = 8 * int(np.prod(self._rows["u"][0].shape[1:])) * (steps + 1)
         size = size_of_record(need, len(self.points), steps, _KEY, "a smaller box, or a shorter run")
         start = f"{self.name} records the shell of a box: "
         self.notes = [note for note in self.notes if not note.startswith(start)] + [start + size]
 
-    def start(self, step: int, step_values: StepValues) -> None:
+    def functional(self, step_values: StepValues) -> np.ndarray:
+        values = np.array(step_values.nodes, float)
+        return values[..., 0] if values.shape[2] == 1 else values
+
+    def restart(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
         check_from_start(step, "the shell of a box", "shell")
-        self._begin_rows({"u": _rows_of(step_values.nodes[:0])})
-        self.add(0, StepValues(step_values.nodes[-1:], ()))
+        super().restart(step, values, forces)
 
-    def add(self, step: int, step_values: StepValues) -> None:
-        self._keep(np.arange(len(step_values.nodes)) + step, {"u": _rows_of(step_values.nodes)})
-
-
-def _rows_of(nodes: np.ndarray) -> np.ndarray:
-    """Return the rows to keep from the values at the nodes: those of scalar fields without an axis of components."""
-    rows = np.array(nodes, float)
-    return rows[..., 0] if rows.shape[2] == 1 else rows
+    def rows(self, window: Window) -> Arrays:
+        return {"u": window.values[0]}
 
 
 def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
@@ -140,12 +133,12 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
     """
     near, lattice = parts.near, parts.near.lattice.whole
     material = parts.at(near.material, nodes)
-    wrong = bool(np.ptp(material) != 0) or bool(parts.at(near.conditioned.astype(float), nodes).any())
+    uneven = bool(np.ptp(material) != 0) or bool(parts.at(near.conditioned.astype(float), nodes).any())
     for crack in setup.cracks:
         ends = cut_ends(crack.cut, lattice, near.stencil.offsets)
-        there = ends[((ends >= 0) & (ends < lattice.shape)).all(1)]
-        wrong |= bool(np.isin(np.ravel_multi_index(tuple(there.T), lattice.shape), nodes).any())
-    if wrong:
+        ends = ends[((ends >= 0) & (ends < lattice.shape)).all(1)]
+        uneven |= bool(np.isin(np.ravel_multi_index(tuple(ends.T), lattice.shape), nodes).any())
+    if uneven:
         raise InputError(
             "the medium is not uniform at the faces of a box whose shell is recorded",
             value=f"bonds of {material.min():.4g} to {material.max():.4g} of the medium's, or cracks or conditions",
@@ -166,20 +159,20 @@ def _check_rest(parts: Parts, region: Region) -> list[str]:
         ("source", space) for space, _ in parts.source_terms.sources if space is not None
     ]:
         sizes = np.abs(values).reshape(-1, *inside.shape).max(0)
-        most, within = largest(float(sizes.max())), largest(float(sizes[inside].max(initial=0)))
-        if within > _ROUNDING * max(most, 1e-300):
+        peak, peak_inside = largest(float(sizes.max())), largest(float(sizes[inside].max(initial=0)))
+        if peak_inside > _ROUNDING * max(peak, 1e-300):
             raise InputError(
                 "does not begin at rest in the box whose shell is recorded: the waves of another run come into it"
                 if key != "source"
                 else "acts inside the box whose shell is recorded: the waves of another run come into it",
-                value=f"{within:.3g}",
-                limit=f"{_ROUNDING:g} of the largest value, {most:.3g}",
+                value=f"{peak_inside:.3g}",
+                limit=f"{_ROUNDING:g} of the largest value, {peak:.3g}",
                 key=key,
                 remedy="a smaller box, or data farther away",
             )
-    for one in parts.incident:
-        nodes = one.region.shell.nodes
-        if ((nodes >= region.first) & (nodes <= region.last)).all(1).any() or not one.passage.rests:
+    for incident in parts.incident:
+        nodes = incident.region.shell.nodes
+        if ((nodes >= region.first) & (nodes <= region.last)).all(1).any() or not incident.passage.rests:
             raise InputError(
                 "an incident wave comes in inside the box whose shell is recorded",
                 value="its box reaches into this one",

@@ -74,7 +74,7 @@ class Emitters:
         found: dict[Key, Extent] = {}
         known: dict[Any, Extent] = {}
         for (axis, side), error in wanted.items():
-            turned = [datum.turned(axis, side) for datum in data]
+            turned = [datum.oriented(axis, side) for datum in data]
             mirror = self.sides[axis, -side].image
             normal = stencil.along(axis)
             like = error, mirror, normal, fixed.get((axis, side)), *(datum.values.tobytes() for datum in turned)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from farhorizon.analysis.layers.choice import weak
+from farhorizon.analysis.layers.profiles import weak
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.engine.engine import Layer
 from farhorizon.simulation.setup.near_field import NearField

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.families import Family, diffusive, families, long_run_profile
+from farhorizon.analysis.layers.profiles import weak
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.thickness import AIM, APART, APART_SLOW, MOST, Found, of_nodes, thicker, thinnest
 from farhorizon.analysis.stability import step_seconds

@@ -26,7 +26,7 @@ from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.inputs.cracks import as_crack
 from farhorizon.simulation.processes.process_group import ProcessGroup
-from farhorizon.simulation.recorders.nodal_stress import fields_of
+from farhorizon.simulation.recorders.quantities import fields_of
 from farhorizon.simulation.recorders.recorder import Recorder
 from farhorizon.simulation.setup.regions import regions_of
 

@@ -1,12 +1,42 @@
-"""The growth, inside a layer, of modes that are evanescent in the medium."""
+"""Profiles of layers, and the growth in them of modes that are evanescent in the medium."""
 
 import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.gain import largest_gain
-from farhorizon.analysis.layers.reflection import chain_weights
+from farhorizon.analysis.layers.chain_modes import chain_weights
+from farhorizon.analysis.layers.profiles import Profile, largest_gain
+from farhorizon.case.case import Case
 from helpers import kernel_stencil
+
+
+def test_sigma_rises_as_a_power_and_kappa_linearly():
+    kappa, sigma, alpha = Profile(1.5, 4.0, 2).edges(3, 2.0, 0.5)
+    assert sigma[-1] == pytest.approx(1.5 * 2 * 2.0 / 0.5 * (3.5 / 4) ** 2)
+    assert kappa[0] == pytest.approx(1 + 3 * 0.5 / 4)
+    assert (alpha > 0).all()
+
+
+@pytest.mark.parametrize("options", [{"angle": 60}, {"angle": 0.0, "target": 1e-6}, {"wavelengths": (3.0, 20.0)}])
+def test_whoever_asks_for_an_angle_is_told_what_to_give(options):
+    with pytest.raises(fh.InputError, match=r"no longer chosen by angle.*target=\.\.\.") as refused:
+        fh.LatticePML(**options)
+    assert refused.value.key == f"boundary.{next(iter(options))}"
+    text = """
+        [lattice]
+        spacing = 1.0
+        lower = -5.0
+        upper = 5.0
+        [model]
+        type = "wave"
+        kernel = { horizon = 1.0 }
+        [boundary]
+        all = { type = "lattice-pml", angle = 60 }
+        [run]
+        until = 1.0
+    """
+    with pytest.raises(fh.InputError, match=r"boundary.all.*no longer chosen by angle.*target = \.\.\."):
+        Case(text)
 
 
 def edges(nodes, sigma):
