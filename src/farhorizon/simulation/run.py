@@ -24,10 +24,9 @@ from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.quantities import shown_fields
 from farhorizon.simulation.recorders.recorder import Observer, Recorder
 from farhorizon.simulation.recorders.recording import Probes
+from farhorizon.simulation.time.checkpoint import arguments_in
 from farhorizon.simulation.time.outer_loop import check_ahead, checked_end, run_to_step, warn_once
-from farhorizon.simulation.time.outlines import outlines_of
-from farhorizon.simulation.time.output import RunResults, written
-from farhorizon.simulation.time.resume import stored
+from farhorizon.simulation.time.output import RunResults, outlines_of, written
 from farhorizon.simulation.time.steady_state import SteadyState, SteadyStateQuantities, steady_state_criterion
 from farhorizon.simulation.time.steps import last_step, steps_between
 
@@ -501,6 +500,6 @@ class Run(ABC):
         FileFormatError
             A damaged or foreign file, or changes that result in another set-up.
         """
-        run = cls(**{**stored(path, cls.__name__, changes), **changes})
+        run = cls(**{**arguments_in(path, cls.__name__, changes), **changes})
         run.load(path)
         return run
