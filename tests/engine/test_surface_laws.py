@@ -7,9 +7,9 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.engine.point_law import ALIKE, EACH
-from farhorizon.engine.rows.build import load_map
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.linear_maps import call_map
+from farhorizon.engine.rows.matrices import call_map
 from farhorizon.engine.surface_laws import law_rows
 from helpers import lattice_of
 
@@ -34,7 +34,8 @@ def test_numbers_of_nodes_times_matrices(shape, each, added, real):
     entries = [np.flatnonzero(rng.random(columns) < 0.7) for _ in range(rows)]
     entries = tuple(tuple(e.tolist()) if len(e) else (0,) for e in entries)
     mask = np.array([[c in e for c in range(columns)] for e in entries])
-    function, apart = load_map(entries, columns, each, added, real), 40
+    (function,) = load_rows("map_rows", entries=entries, columns=columns, each=each, added=added, real=real)
+    apart = 40
     for nodes in (1, 3, 8, 19):
         values = rng.normal(size=(columns, apart)).astype(real)
         before = rng.normal(size=(rows, apart)).astype(real)

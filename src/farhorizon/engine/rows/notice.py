@@ -15,10 +15,11 @@ from numba.core import event
 _PURPOSES = {
     "program_": "the time loop",
     "stencil_rows_": "the sweep of a stencil",
+    "matrix_rows_": "the sweep of a stencil",
     "bond_rows_": "the sweep of breaking bonds",
     "farhorizon.": "other kernels",
 }
-_SHORT = 0.2  # seconds below which no line is printed
+_SHORT = 0.2  # seconds below which no line is printed: nobody notices the wait
 
 
 class _Notice(event.Listener):
@@ -33,19 +34,19 @@ class _Notice(event.Listener):
         self._begun = False
         self.spent = 0.0
 
-    def on_start(self, found: Any) -> None:
+    def on_start(self, event: Any) -> None:
         """Take note that a function, or a pass of one, begins."""
-        if found.kind == "numba:compile":
-            self.enter(found.data["dispatcher"].py_func.__module__)
-        if found.kind == "numba:run_pass" and getattr(self._mine, "names", None):
+        if event.kind == "numba:compile":
+            self.enter(event.data["dispatcher"].py_func.__module__)
+        if event.kind == "numba:run_pass" and getattr(self._mine, "names", None):
             self._mine.busy = True
             if not self._begun and _purpose(self._mine.names[0]):
                 self._begun = True
                 _say("compiling for this machine, once: later runs find it on disk")
 
-    def on_end(self, found: Any) -> None:
+    def on_end(self, event: Any) -> None:
         """Take note that a function, or a pass of one, ends."""
-        if found.kind == "numba:compile":
+        if event.kind == "numba:compile":
             self.leave()
 
     def enter(self, name: str) -> None:
