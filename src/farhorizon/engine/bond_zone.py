@@ -342,13 +342,13 @@ class BondZone:
         return traces
 
     def energy(
-        self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray, cold: bool = False
+        self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, full: np.ndarray, cold: bool = False
     ) -> float:
         """Energy of the bonds of some nodes from the present elongations and those of the previous step, per unit mass
         of a node; in state-based media that of closing bonds.
 
         `nodes` selects nodes of the box from `first` to `end` of the core; bonds to nodes beyond the box count half, or
-        fully across sides that are `whole`, shape (3, 2). If `cold`, thermal strains are not subtracted from the
+        fully across sides that are `full`, shape (3, 2). If `cold`, thermal strains are not subtracted from the
         elongations.
         """
         self.engine.complete(self.engine.current)
@@ -364,7 +364,7 @@ class BondZone:
             self.engine.tables.sweep.block,
             *bounds,
             nodes,
-            whole,
+            full,
             self.engine.components,
             material,
             table._replace(thermal_strain=table.thermal_strain[:1] * 0) if cold else table,

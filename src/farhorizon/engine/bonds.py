@@ -457,9 +457,9 @@ def curved_part(zone, i0, i1, offset, first, end):
 
 
 @njit(error_model="numpy", cache=True)
-def strain_energy(u, old, block, first, end, nodes, whole, components, material, bonds, heated):
+def strain_energy(u, old, block, first, end, nodes, full, components, material, bonds, heated):
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, or
-    fully across sides that are `whole`. If `heated`, bonds without a law have thermal strains, too.
+    fully across sides that are `full`. If `heated`, bonds without a law have thermal strains, too.
     """
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
     coefficient, rule = material.coefficient, material.rule
@@ -473,10 +473,10 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
             for bond in range(places.shape[0]):
                 offset, xi, bits = places[bond], table[bond], alive[bond >> 6, node + first[2] :]
                 outside = (
-                    (i0 + offset[1] < first[0] and whole[0, 0])
-                    or (i0 + offset[1] >= end[0] and whole[0, 1])
-                    or (i1 + offset[2] < first[1] and whole[1, 0])
-                    or (i1 + offset[2] >= end[1] and whole[1, 1])
+                    (i0 + offset[1] < first[0] and full[0, 0])
+                    or (i0 + offset[1] >= end[0] and full[0, 1])
+                    or (i1 + offset[2] < first[1] and full[1, 0])
+                    or (i1 + offset[2] >= end[1] and full[1, 1])
                 )
                 mask = np.uint64(1) << np.uint64(bond & 63)
                 start, stop = curved_part(zone, i0, i1, offset, first[2], end[2])
@@ -508,11 +508,9 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                             may_close = bonds.closing[bond >> 6, node + begin + i] & mask != 0
                             left = gain if may_close and strain[i] < 0 and strain_before[i] < 0 else left
                         sums[i] += left
-                if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave the box along the row
+                if (full[2, 0] or full[2, 1]) and not outside:  # bonds that leave the box along the row
                     for i2 in range(first[2], end[2]):
-                        leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (
-                            i2 + offset[3] >= end[2] and whole[2, 1]
-                        )
+                        leaves = (i2 + offset[3] < first[2] and full[2, 0]) or (i2 + offset[3] >= end[2] and full[2, 1])
                         if leaves and bits[i2 - first[2]] & mask != 0:
                             curved = bonds.nonlinear and start <= i2 < stop
                             energy[i2 - first[2]] += 0.5 * bond_energy(

@@ -15,18 +15,18 @@ Offset = tuple[int, int, int]
 
 
 def compiled_rows(
-    offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool, signs: Signs, own: np.ndarray
+    offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool, signs: Signs, reaction: np.ndarray
 ) -> tuple[int, np.ndarray]:
     """Address of the compiled rows of a stencil, 0 where there are none, and the weights that they take, shape (n,).
 
     The stencil has offsets of shape (K, 3) and weights of shape (K,) or, for components with these `signs`, (K, d, d);
-    `own` is the matrix of a reaction, or empty, which is subtracted from the weight of a node's own value.
+    `reaction` is a matrix, or empty, which is subtracted from the weight of a node's own value.
     """
     if not weights.any():
         return 0, np.zeros(1)
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
     if weights.ndim > 1:  # the centre balances the others
-        centre = -np.sum(weights, axis=0) - (own if own.size else 0)
+        centre = -np.sum(weights, axis=0) - (reaction if reaction.size else 0)
         return _matrix_rows(table | {(0, 0, 0): centre}, signs, signs, "step", real, increments)
     shape, row = _scalar_row(table)
     if not shape:

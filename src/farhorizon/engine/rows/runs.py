@@ -93,19 +93,18 @@ def block_sum(typingctx, source, across, rows, apart, along, count, like):
                 builder.store(vectors.multiply_add(builder.load(total), factor, builder.load(column)), total)
 
         rest = builder.srem(count, pair)
-        whole = builder.sub(count, rest)
-        with cgutils.for_range_slice(builder, I64(0), whole, pair, I64) as (x, _):
+        paired = builder.sub(count, rest)
+        with cgutils.for_range_slice(builder, I64(0), paired, pair, I64) as (x, _):
             add_columns(x, 2)
         with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
-            add_columns(whole, 1)
-        found, half = builder.load(total), vectors.lanes // 2
+            add_columns(paired, 1)
+        folded, half = builder.load(total), vectors.lanes // 2
         while half:
             places = [[(lane + shift) % vectors.lanes for lane in range(vectors.lanes)] for shift in (0, half)]
-            parts = [
-                builder.shuffle_vector(found, found, ir.Constant(ir.VectorType(I32, vectors.lanes), p)) for p in places
-            ]
-            found, half = builder.fadd(*parts), half // 2
-        return builder.extract_element(found, I32(0))
+            numbers = ir.VectorType(I32, vectors.lanes)
+            parts = [builder.shuffle_vector(folded, folded, ir.Constant(numbers, place)) for place in places]
+            folded, half = builder.fadd(*parts), half // 2
+        return builder.extract_element(folded, I32(0))
 
     return like(*[types.int64] * 6, like), codegen
 
@@ -173,20 +172,19 @@ def any_below(typingctx, coefficient, values, limit, n, count, step):
         coefficient, values, limit, n, count, step = args
         vectors = Vectors(builder, limit.type, 8)
         limits, zero = vectors.splat(limit), ir.Constant(vectors.type, [0.0] * vectors.lanes)
-        found = cgutils.alloca_once_value(
-            builder, ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes)
-        )
+        none = ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes)
+        lower = cgutils.alloca_once_value(builder, none)
         with (
             cgutils.for_range(builder, count) as rows,
             cgutils.for_range_slice(builder, I64(0), n, I64(vectors.lanes), I64) as (x, _),
         ):
-            hard, value = (
+            phase, value = (
                 vectors.load(vectors.shifted(start, (1, x), (1, builder.mul(rows.index, step))))
                 for start in (coefficient, values)
             )
-            low = builder.and_(builder.fcmp_ordered("<=", hard, zero), builder.fcmp_ordered("<", value, limits))
-            builder.store(builder.or_(builder.load(found), low), found)
-        mask = builder.bitcast(builder.load(found), ir.IntType(vectors.lanes))
+            low = builder.and_(builder.fcmp_ordered("<=", phase, zero), builder.fcmp_ordered("<", value, limits))
+            builder.store(builder.or_(builder.load(lower), low), lower)
+        mask = builder.bitcast(builder.load(lower), ir.IntType(vectors.lanes))
         return builder.icmp_unsigned("!=", mask, ir.Constant(mask.type, 0))
 
     return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
@@ -239,8 +237,8 @@ def add_lines(typingctx, source, to, scale, count):
 
         def chunk(x: Any, store: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
             at = builder.mul(x, I64(vectors.size))
-            there = builder.add(to, at)
-            store(vectors.multiply_add(vectors.load(there), factor, vectors.load(builder.add(source, at))), there)
+            target = builder.add(to, at)
+            store(vectors.multiply_add(vectors.load(target), factor, vectors.load(builder.add(source, at))), target)
 
         vectors.in_chunks(count, chunk)
         return context.get_dummy_value()
@@ -260,13 +258,13 @@ def fetch(typingctx, address):
 
 
 @intrinsic
-def weigh_change(typingctx, to, level, before, share, strengths, count):
-    """``to = strengths * (level - share * before)`` on `count` neighbouring values, by byte addresses."""
+def weigh_change(typingctx, to, level, before, fraction, strengths, count):
+    """``to = strengths * (level - fraction * before)`` on `count` neighbouring values, by byte addresses."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        to, level, before, share, strengths, count = args
+        to, level, before, fraction, strengths, count = args
         vectors = Vectors.of(builder, str(signature.args[3]))
-        factor = vectors.splat(builder.fneg(share))
+        factor = vectors.splat(builder.fneg(fraction))
 
         def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
             at = builder.mul(x, I64(vectors.size))
@@ -278,44 +276,33 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):
         vectors.in_chunks(count, chunk)
         return context.get_dummy_value()
 
-    return types.void(types.int64, types.int64, types.int64, share, types.int64, types.int64), codegen
+    return types.void(types.int64, types.int64, types.int64, fraction, types.int64, types.int64), codegen
 
 
 @intrinsic
-def move_masses(typingctx, states, levels, strengths, keep, pull, share, count, kept):
+def move_masses(typingctx, states, levels, strengths, keep, pull, fraction, count, kept):
     """Move the masses that hang on `count` neighbouring nodes, and let them pull these; see `engine.dampers`.
 
-    Parameters
-    ----------
-    states : tuple of int
-        Byte addresses of the nodes' last increments, of p and of q.
-    levels : tuple of int
-        Byte addresses of the level that the increment is in, of the one that is subtracted from it, and of the levels
-        to add to: another one, 0 for none, and ``out``.
-    strengths : int
-    keep, pull : float
-    share : float
-        Factor with which the second level is subtracted, 0 or 1.
-    count : int
-    kept : float or int
-        Value of the states' type: that of the levels, or int32 for the first halves of their numbers, see
-        `rows.shifts.Remembered`. Those are rounded to nearest, unlike the layers' memory: under a permanent load the
-        layers would stop following the field, but dampers come to rest.
+    Takes byte addresses: `states`, of the nodes' last increments, of p and of q; `levels`, of the level that the
+    increment is in, of the one that is subtracted from it, times `fraction`, 0 or 1, and of the levels to add to: a
+    second one, 0 for none, and ``out``; and `strengths`. `kept` has the type of the states: that of the levels, or
+    int32 for the first halves of their numbers, see `rows.shifts.Remembered`. Those are rounded to nearest, unlike the
+    layers' memory: under a permanent load the layers would stop following the field, but dampers come to rest.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        last, p, q, level, before, other, out, strengths, keep, pull, share, count, _ = flat(builder, args)
+        last, p, q, level, before, second, out, strengths, keep, pull, fraction, count, _ = flat(builder, args)
         vectors = Vectors.of(builder, str(signature.args[3]))
         narrow = Vectors(builder, ir.FloatType(), vectors.lanes)
         halves = str(signature.args[7]) == "int32"
-        long, short = (ir.VectorType(one, vectors.lanes) for one in (I64, I32))
-        places, rounding = (ir.Constant(long, [one] * vectors.lanes) for one in (32, 1 << 31))
-        kept, pulled, less = (vectors.splat(one) for one in (keep, builder.fneg(pull), builder.fneg(share)))
+        long, short = (ir.VectorType(integer, vectors.lanes) for integer in (I64, I32))
+        places, rounding = (ir.Constant(long, [number] * vectors.lanes) for number in (32, 1 << 31))
+        kept, pulled, less = (vectors.splat(factor) for factor in (keep, builder.fneg(pull), builder.fneg(fraction)))
 
         def chunk(x: Any, store: Callable[[Any, Any], None], store_half: Callable[[Any, Any], None]) -> None:
             at = builder.mul(x, I64(vectors.size))
 
-            def there(address: Any) -> Any:
+            def on(address: Any) -> Any:
                 return builder.add(address, at)
 
             def half(address: Any) -> Any:
@@ -323,28 +310,28 @@ def move_masses(typingctx, states, levels, strengths, keep, pull, share, count, 
 
             def recalled(address: Any) -> Any:
                 if not halves:
-                    return vectors.load(there(address))
+                    return vectors.load(on(address))
                 bits = builder.zext(builder.bitcast(narrow.load(half(address)), short), long)
                 return builder.bitcast(builder.shl(bits, places), vectors.type)
 
             def keep_state(value: Any, address: Any) -> None:
                 if not halves:
-                    store(value, there(address))
+                    store(value, on(address))
                     return
                 bits = builder.lshr(builder.add(builder.bitcast(value, long), rounding), places)
                 store_half(builder.bitcast(builder.trunc(bits, short), narrow.type), half(address))
 
-            increment = vectors.multiply_add(vectors.load(there(level)), less, vectors.load(there(before)))
-            place, pace = recalled(p), recalled(q)
+            increment = vectors.multiply_add(vectors.load(on(level)), less, vectors.load(on(before)))
+            displacement, velocity = recalled(p), recalled(q)
             moved = builder.fsub(increment, recalled(last))
-            moved = vectors.multiply_add(vectors.multiply_add(moved, kept, pace), pulled, place)
-            gained = builder.fmul(vectors.load(there(strengths)), builder.fsub(moved, pace))
+            moved = vectors.multiply_add(vectors.multiply_add(moved, kept, velocity), pulled, displacement)
+            gained = builder.fmul(vectors.load(on(strengths)), builder.fsub(moved, velocity))
             keep_state(builder.fadd(increment, gained), last)
-            keep_state(builder.fadd(place, moved), p)
+            keep_state(builder.fadd(displacement, moved), p)
             keep_state(moved, q)
-            store(builder.fadd(vectors.load(there(out)), gained), there(out))
-            with builder.if_then(builder.icmp_signed("!=", other, I64(0))):
-                store(builder.fadd(vectors.load(there(other)), gained), there(other))
+            store(builder.fadd(vectors.load(on(out)), gained), on(out))
+            with builder.if_then(builder.icmp_signed("!=", second, I64(0))):
+                store(builder.fadd(vectors.load(on(second)), gained), on(second))
 
         vectors.in_chunks(count, chunk, narrow)
         return context.get_dummy_value()
@@ -380,26 +367,17 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
     """``level -= strengths * F box`` on up to `TOGETHER` runs of neighbouring nodes, where F is the sum of one
     symmetric filter along each axis.
 
-    Parameters
-    ----------
-    runs, number : int
-        Address of the first run, see `engine.filter.Filter.runs`, and the number of runs, at least 1.
-    arrays : (int, int, int)
-        Byte addresses of the box, the strengths and the level.
-    steps, axes : int
-        Address of the distances in the box between neighbours along the axes (int64, in elements), and their number.
-    taps : int
-        Address of the filter's weights, of a value itself and of the neighbours on both sides.
-    older : int
-        Distance in bytes from the level to another one from which the same is subtracted; 0 if there is none.
-    like : float
-        Value of the arrays' type.
+    Takes the address of the first run, see `engine.filter.Filter.runs`, and the `number` of runs, at least 1; the byte
+    addresses of the box, the strengths and the level; that of the distances in the box between neighbours along the
+    axes (int64, in elements), and their number; that of the filter's weights, of a value itself and of the neighbours
+    on both sides; the distance in bytes from the level to an older one from which the same is subtracted, 0 if there is
+    none; and a value of the arrays' type.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         runs, number, box, strengths, level, steps, axes, taps, older, _ = flat(builder, args)
         vectors = Vectors.of(builder, str(signature.args[7]))
-        lanes, zero, one = I64(vectors.lanes), I64(0), I64(1)
+        lanes, zero, unity = I64(vectors.lanes), I64(0), I64(1)
 
         def entry(start: Any, i: int) -> Any:
             return builder.load(vectors.pointer(builder.add(start, I64(8 * i)), I64))
@@ -420,27 +398,27 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
             places: tuple[list[Any], ...] = [], [], []
             rows = []
             for i in range(TOGETHER):
-                there = builder.icmp_signed("<", I64(i), number)
-                row = builder.add(runs, builder.mul(builder.select(there, I64(i), zero), I64(8 * (4 + axes))))
-                for found, start, column in zip(places, (box, level, strengths), range(3), strict=True):
-                    found.append(builder.add(start, bytes_of(entry(row, column))))
+                exists = builder.icmp_signed("<", I64(i), number)
+                row = builder.add(runs, builder.mul(builder.select(exists, I64(i), zero), I64(8 * (4 + axes))))
+                for addresses, start, column in zip(places, (box, level, strengths), range(3), strict=True):
+                    addresses.append(builder.add(start, bytes_of(entry(row, column))))
                 rows.append(
-                    [builder.select(there, entry(row, 3), zero), *(entry(row, 4 + axis) for axis in range(axes))]
+                    [builder.select(exists, entry(row, 3), zero), *(entry(row, 4 + axis) for axis in range(axes))]
                 )
-            heres, targets, weights = places
+            starts, targets, weights = places
             columns = list(zip(*rows, strict=True))
             counts, longest, *limits = columns[0], *(functools.reduce(most, column) for column in columns)
             shortest = functools.reduce(least, counts)
-            whole = builder.sub(shortest, builder.srem(shortest, lanes))
+            full = builder.sub(shortest, builder.srem(shortest, lanes))  # whole vectors of all runs
 
             def passed(at: Any) -> list[Any]:
                 """What the filter passes of one vector of each run."""
-                centres, found = [vectors.load(builder.add(here, at)) for here in heres], []
+                centres, sums = [vectors.load(builder.add(start, at)) for start in starts], []
                 for axis, limit in enumerate(limits):
                     step = bytes_of(entry(steps, axis))
-                    start = [builder.fmul(tap(zero), centre) for centre in centres]
-                    found.append(summed(start, [builder.add(here, at) for here in heres], step, limit))
-                return [vectors.sum(parts) for parts in zip(*found, strict=True)]
+                    first = [builder.fmul(tap(zero), centre) for centre in centres]
+                    sums.append(summed(first, [builder.add(start, at) for start in starts], step, limit))
+                return [vectors.sum(parts) for parts in zip(*sums, strict=True)]
 
             def take(x: Any, stores: list[Callable[[Any, Any], None]]) -> None:
                 at = bytes_of(x)
@@ -451,22 +429,22 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
                         old = builder.add(new, older)
                         store(builder.fsub(vectors.load(old), taken), old)
 
-            with cgutils.for_range_slice(builder, zero, whole, lanes, I64) as (x, _):
+            with cgutils.for_range_slice(builder, zero, full, lanes, I64) as (x, _):
                 take(x, [vectors.store] * TOGETHER)
-            with cgutils.for_range_slice(builder, whole, longest, lanes, I64) as (x, _):
+            with cgutils.for_range_slice(builder, full, longest, lanes, I64) as (x, _):
                 take(x, [vectors.store_first(builder.sub(count, x)) for count in counts])
 
-        def summed(start: list[Any], heres: list[Any], step: Any, limit: Any) -> list[Any]:
-            """Sums along one axis, over up to `limit` neighbours on both sides."""
+        def summed(first: list[Any], centres: list[Any], step: Any, limit: Any) -> list[Any]:
+            """Sums along one axis, over up to `limit` neighbours on both sides of addresses."""
 
             def grown(k: Any, totals: list[Any]) -> list[Any]:
-                weight, far, found = tap(k), builder.mul(k, step), []
-                for total, here in zip(totals, heres, strict=True):
-                    both = builder.fadd(vectors.load(builder.add(here, far)), vectors.load(builder.sub(here, far)))
-                    found.append(vectors.multiply_add(total, weight, both))
-                return found
+                weight, distance, sums = tap(k), builder.mul(k, step), []
+                for total, centre in zip(totals, centres, strict=True):
+                    both = (vectors.load(move(centre, distance)) for move in (builder.add, builder.sub))
+                    sums.append(vectors.multiply_add(total, weight, builder.fadd(*both)))
+                return sums
 
-            return vectors.loop(one, builder.add(limit, one), 1, start, grown)[1]
+            return vectors.loop(unity, builder.add(limit, unity), 1, first, grown)[1]
 
         for dim in (1, 2, 3):
             with builder.if_then(builder.icmp_signed("==", axes, I64(dim))):

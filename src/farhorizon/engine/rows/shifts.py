@@ -166,7 +166,7 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
     return _intrinsic(emit, SHIFTS_SIGNATURE)
 
 
-def _intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], kind: Any) -> Any:
+def _intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], numba_signature: Any) -> Any:
     """The intrinsic of a signature with six arguments whose code is given by `emit`."""
 
     @intrinsic
@@ -175,7 +175,7 @@ def _intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], kind: Any)
             emit(builder, flat(builder, args))
             return context.get_dummy_value()
 
-        return kind, codegen
+        return numba_signature, codegen
 
     return emitted
 
@@ -238,7 +238,7 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
                 used = parts - group
                 last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
                 # as many for one vector as for several, so that rounding does not depend on where a tile ends
-                mine, turns = totals[: used * many], max(1, _IN_FLIGHT // used)
+                of_group, turns = totals[: used * many], max(1, _IN_FLIGHT // used)
                 term = limits[group]
                 if turns > 1:
 
@@ -250,14 +250,15 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
                             for v in grown(builder.add(term, I64(t)), at, used, many, sums[t * size : (t + 1) * size])
                         ]
 
-                    term, sums = vectors.loop(term, last, turns, [*mine, *[zero] * ((turns - 1) * len(mine))], several)
-                    mine = [vectors.sum(sums[i :: used * many]) for i in range(used * many)]
+                    start = [*of_group, *[zero] * ((turns - 1) * len(of_group))]
+                    term, sums = vectors.loop(term, last, turns, start, several)
+                    of_group = [vectors.sum(sums[i :: used * many]) for i in range(used * many)]
 
                 def single(term: Any, sums: list[Any], used: int = used) -> list[Any]:
                     return grown(term, at, used, many, sums)
 
-                _, mine = vectors.loop(term, last, 1, mine, single)
-                totals[: used * many] = mine
+                _, of_group = vectors.loop(term, last, 1, of_group, single)
+                totals[: used * many] = of_group
             for i, total in enumerate(totals):
                 vectors.store(total, place(i // many, at, i % many))
 

@@ -140,8 +140,8 @@ def sweep_lines(
     def row(x0: Any, length: Any, number: Any) -> None:
         here = vectors.shifted(src, (1, x0), (1, builder.mul(number, step)))
         old, new = (vectors.shifted(start, (1, x0), (1, builder.mul(number, t))) for start in (base, out))
-        made = prepare(here, old, new)
-        names = list(dict.fromkeys(name for o in made.outputs for _, *both in o.moved for name in both))
+        prepared = prepare(here, old, new)
+        names = list(dict.fromkeys(name for o in prepared.outputs for _, *both in o.moved for name in both))
 
         def from_before(output: Output, before: Mapping[Any, Any], now: Mapping[Any, Any]) -> Any:
             """What the vector `now` gets from itself and from the one before."""
@@ -155,26 +155,26 @@ def sweep_lines(
         ) -> tuple[Mapping[Any, Any], list[Any]]:
             """Write one vector; return the sums of the next vector and the totals begun for it."""
             at = builder.mul(x, I64(size))
-            for address in made.ahead:
+            for address in prepared.ahead:
                 vectors.prefetch(builder.add(address, at))
-            following = made.sums(builder.add(at, I64(vectors.lanes * size)))
-            for output, begun in zip(made.outputs, totals, strict=True):
+            following = prepared.sums(builder.add(at, I64(vectors.lanes * size)))
+            for output, begun in zip(prepared.outputs, totals, strict=True):
                 total = vectors.sum(
                     [begun] + [vectors.concatenate(now[name], following[name], i) for i, name, _ in output.moved]
                 )
                 values = [vectors.load(builder.add(place, at)) for place in output.before]
                 store(with_own(vectors, total, values, (a_all, b_all)), builder.add(output.new, at))
-            return following, [from_before(output, now, following) for output in made.outputs]
+            return following, [from_before(output, now, following) for output in prepared.outputs]
 
-        first = made.sums(I64(0))
-        before_first = made.sums(I64(-vectors.lanes * size))
+        first = prepared.sums(I64(0))
+        before_first = prepared.sums(I64(-vectors.lanes * size))
         start = [
             I64(0),
-            *(from_before(output, before_first, first) for output in made.outputs),
+            *(from_before(output, before_first, first) for output in prepared.outputs),
             *(first[name] for name in names),
         ]
         rest = builder.srem(length, width)
-        whole = builder.sub(length, rest)
+        full = builder.sub(length, rest)
         before, test, body, after = (
             builder.block,
             *(builder.append_basic_block(name) for name in ("test", "vector", "rest")),
@@ -182,9 +182,9 @@ def sweep_lines(
         builder.branch(test)
         builder.position_at_end(test)
         carried = [builder.phi(value.type) for value in start]
-        x, totals, sums_now = carried[0], carried[1 : 1 + len(made.outputs)], carried[1 + len(made.outputs) :]
+        x, totals, sums_now = carried[0], carried[1 : 1 + len(prepared.outputs)], carried[1 + len(prepared.outputs) :]
         now = dict(zip(names, sums_now, strict=True))
-        builder.cbranch(builder.icmp_signed("<", x, whole), body, after)
+        builder.cbranch(builder.icmp_signed("<", x, full), body, after)
         builder.position_at_end(body)
         following, begun = finish(x, totals, now, vectors.store)
         end = [builder.add(x, width), *begun, *(following[name] for name in names)]
@@ -354,12 +354,12 @@ def sweep_phases(typingctx, at, stencil, factors, extent, apart):
             )
             grown = []
             for row, here in enumerate(heres):
-                there = builder.add(here, distance)
-                value, wet_there = vectors.load(there), liquid(builder.add(there, apart))
+                neighbour = builder.add(here, distance)
+                value, wet_neighbour = vectors.load(neighbour), liquid(builder.add(neighbour, apart))
                 across = vectors.multiply_add(sums[2 * row], weight, builder.fsub(held(value), bound[row]))
-                grown.append(builder.select(builder.xor(wet[row], wet_there), across, sums[2 * row]))
+                grown.append(builder.select(builder.xor(wet[row], wet_neighbour), across, sums[2 * row]))
                 opened = vectors.multiply_add(sums[2 * row + 1], weight, builder.fsub(value, own[row]))
-                grown.append(builder.select(builder.and_(wet[row], wet_there), opened, sums[2 * row + 1]))
+                grown.append(builder.select(builder.and_(wet[row], wet_neighbour), opened, sums[2 * row + 1]))
             following = builder.add(bond, I64(1))
             for phi, value in zip([bond, *sums], [following, *grown], strict=True):
                 phi.add_incoming(value, builder.block)

@@ -101,11 +101,11 @@ class Vectors:
         types with as many lanes are passed as well.
         """
         rest, types_of_values = self.builder.srem(count, I64(self.lanes)), (self, *more)
-        whole = self.builder.sub(count, rest)
-        with cgutils.for_range_slice(self.builder, I64(0), whole, I64(self.lanes), I64) as (x, _):
+        full = self.builder.sub(count, rest)
+        with cgutils.for_range_slice(self.builder, I64(0), full, I64(self.lanes), I64) as (x, _):
             chunk(x, *(vectors.store for vectors in types_of_values))
         with self.builder.if_then(self.builder.icmp_signed(">", rest, I64(0))):
-            chunk(whole, *(vectors.store_first(rest) for vectors in types_of_values))
+            chunk(full, *(vectors.store_first(rest) for vectors in types_of_values))
 
     def loop(
         self, first: Any, last: Any, step: int, start: Sequence[Any], body: Callable[[Any, list[Any]], list[Any]]
