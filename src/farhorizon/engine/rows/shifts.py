@@ -156,7 +156,10 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
                         source = k + near * ahead
                         vectors.store(sums[source] if 0 <= source < reach else zero, shifted(to, (k, result_k)))
 
-        many, done = 2 if reach < 5 else 1, I64(0)
+        many, done = (
+            2 if reach < 5 else 1,
+            I64(0),
+        )  # so many that the 3 * reach vectors carried by each stay in registers
         while many:
             end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
             with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
@@ -262,7 +265,7 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
             for i, total in enumerate(totals):
                 vectors.store(total, place(i // many, at, i % many))
 
-        many, done = 4 if parts <= 5 else 2, I64(0)
+        many, done = 4 if parts <= 5 else 2, I64(0)  # so many that all sums stay in registers
         while many:
             end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
             with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
