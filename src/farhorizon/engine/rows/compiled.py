@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import inspect
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import sigutils
+from numba.core import sigutils, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher
@@ -67,6 +67,11 @@ class _SealedCache(FunctionCache):
         start, _, end = self._impl.filename_base.rpartition(f"-{function.__code__.co_firstlineno}.")
         return _SealedFiles(self._cache_path, f"{start}-{stamp[:20]}.{end}", stamp)
 
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        """Numba's key, and the order of the fields in named tuples among the arguments: their types do not tell it."""
+        fields = [_fields(kind) for kind in getattr(sig, "args", sig)]
+        return (*super()._index_key(sig, codegen), repr(fields))
+
     def has(self, made: Any) -> bool:
         """Whether there is machine code of a function for its signature."""
         codegen = made._targetdescr.target_context.codegen()
@@ -76,6 +81,14 @@ class _SealedCache(FunctionCache):
     def lock(self) -> Path:
         """File that is locked while the function is compiled."""
         return Path(f"{self._cache_file._index_path}.lock")
+
+
+def _fields(kind: Any) -> tuple[Any, ...]:
+    """Names of the fields of a named tuple, and those of the named tuples in a tuple; nothing for other types."""
+    if not isinstance(kind, types.BaseTuple):
+        return ()
+    of_parts: Iterable[Any] = kind  # type: ignore[assignment]  # all its subclasses can be iterated over
+    return getattr(kind, "fields", ()), tuple(map(_fields, of_parts))
 
 
 def njit(

@@ -21,10 +21,11 @@ from typing import NamedTuple
 
 import numba
 
-from farhorizon.files.cache import cache_folder, write
+from farhorizon.files.cache import cache_folder, sealed, unsealed, write
 
 _PACKAGE = Path(__file__).parents[2]
 _STARTED = time.time()
+_VERSION = f"{sys.version_info[:2]} {Path(__file__).read_text()}"  # of what is kept on disk
 #: Key of the statements of a module that bind no name; everything in the module depends on them.
 _UNNAMED = ""
 
@@ -122,13 +123,15 @@ def _source(path: Path) -> _Source:
 
 def _source_of(text: str) -> _Source:
     """Definitions of a module; they are kept on disk, because parsing takes longer than everything else here."""
-    mark = hashlib.sha256(f"{sys.version_info[:2]} {text}".encode()).hexdigest()
+    mark = hashlib.sha256(f"{_VERSION} {text}".encode()).hexdigest()
     place = cache_folder() / f"source_{mark[:32]}.json"
-    with suppress(OSError, ValueError, TypeError):
-        return _Source(**json.loads(place.read_text()))
+    with suppress(OSError):
+        data = unsealed(place.read_bytes())
+        if data is not None:
+            return _Source(**json.loads(data))
     source = _analysed(text)
     with suppress(OSError):
-        write(place, json.dumps(source._asdict()).encode())
+        write(place, sealed(json.dumps(source._asdict()).encode()))
     return source
 
 
