@@ -20,14 +20,14 @@ def blocks(random, shape):
     """Strata, boxes of other media, and some nodes with values of their own."""
     axis = int(random.integers(len(shape)))
     edges = random.integers(0, shape[axis], 2)
-    found = np.ones(shape)
-    found[(slice(None),) * axis + (slice(*sorted(edges)),)] = 2.5
+    coefficients = np.ones(shape)
+    coefficients[(slice(None),) * axis + (slice(*sorted(edges)),)] = 2.5
     for _ in range(3):
         first = [int(random.integers(n)) for n in shape]
-        found[tuple(slice(a, a + int(random.integers(2, 9))) for a in first)] = random.choice([0.4, 1.0, 3.0])
+        coefficients[tuple(slice(a, a + int(random.integers(2, 9))) for a in first)] = random.choice([0.4, 1.0, 3.0])
     alone = tuple(random.integers(n, size=2) for n in shape)
-    found[alone] = random.uniform(0.5, 2, 2)
-    return found
+    coefficients[alone] = random.uniform(0.5, 2, 2)
+    return coefficients
 
 
 @pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])

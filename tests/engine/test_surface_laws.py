@@ -7,9 +7,9 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.engine.point_law import ALIKE, EACH
-from farhorizon.engine.rows.build import load_map
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.linear_maps import call_map
+from farhorizon.engine.rows.matrices import call_map
 from farhorizon.engine.surface_laws import law_rows
 from helpers import lattice_of
 
@@ -34,20 +34,21 @@ def test_numbers_of_nodes_times_matrices(shape, each, added, real):
     entries = [np.flatnonzero(rng.random(columns) < 0.7) for _ in range(rows)]
     entries = tuple(tuple(e.tolist()) if len(e) else (0,) for e in entries)
     mask = np.array([[c in e for c in range(columns)] for e in entries])
-    function, apart = load_map(entries, columns, each, added, real), 40
+    (function,) = load_rows("map_rows", entries=entries, columns=columns, each=each, added=added, real=real)
+    apart = 40
     for nodes in (1, 3, 8, 19):
         values = rng.normal(size=(columns, apart)).astype(real)
         before = rng.normal(size=(rows, apart)).astype(real)
         matrix = np.zeros(rows * columns * (nodes if each else 1) + 16, real)
-        own = (mask[..., None] * rng.normal(size=(rows, columns, nodes if each else 1))).astype(real)
-        matrix[: own.size] = own.ravel()
+        entries_of_nodes = (mask[..., None] * rng.normal(size=(rows, columns, nodes if each else 1))).astype(real)
+        matrix[: entries_of_nodes.size] = entries_of_nodes.ravel()
         after, size = before.copy(), before.itemsize
         step = (nodes if each else 1) * size
         given = values.ctypes.data, apart * size, after.ctypes.data, apart * size, matrix.ctypes.data, step, nodes, 0.3
         product(function, *given)
         expected = before.copy()
-        found = np.einsum("rcn,cn->rn", np.broadcast_to(own, (rows, columns, nodes)), values[:, :nodes])
-        expected[:, :nodes] = before[:, :nodes] + 0.3 * found if added else found
+        products = np.einsum("rcn,cn->rn", np.broadcast_to(entries_of_nodes, (rows, columns, nodes)), values[:, :nodes])
+        expected[:, :nodes] = before[:, :nodes] + 0.3 * products if added else products
         np.testing.assert_allclose(after, expected, atol=1e-13 if real == "float64" else 1e-5)
 
 
@@ -62,16 +63,16 @@ def test_rows_hold_the_matrix_of_each_node(shape):
     numbers[..., 2:12] = np.where(rng.random((*places.shape[:2], 1)) < 0.5, 1, numbers[..., 2:12])
     odd = numbers >= 0
     matrices = rng.normal(size=(3, 4, 4))
-    found = law_rows(box, places[odd], numbers[odd], matrices)
+    table = law_rows(box, places[odd], numbers[odd], matrices)
     got = np.full((*places.shape, 16), np.nan)
-    for row, (first, end) in enumerate(found.ranges):
-        for place, stop, function, weight, step, kind in found.stretches[first:end]:
+    for row, (first, end) in enumerate(table.ranges):
+        for place, stop, function, weight, step, first_kind in table.stretches[first:end]:
             for i in range(stop - place):
                 start = weight + i * (function == EACH)
                 at = row // places.shape[1], row % places.shape[1], place + i
                 assert np.isnan(got[at]).all()
-                got[at] = found.weights[start : start + 16 * step : step]
-                assert found.kinds[kind + i] == numbers[at]
+                got[at] = table.weights[start : start + 16 * step : step]
+                assert table.kinds[first_kind + i] == numbers[at]
                 assert function in (ALIKE, EACH)
     np.testing.assert_array_equal(np.isnan(got[..., 0]), ~odd)
     np.testing.assert_array_equal(got[odd].reshape(-1, 4, 4), matrices[numbers[odd]])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.layout import HALOS, Layout
-from farhorizon.engine.rows.build import load_exchange
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.exchanges import HEAD, RECEIVES, REQUEST, ROW, STATUS, TABLE, USED
 
 Places = np.ndarray  # of a halo, and of what it repeats; shape (2, n)
@@ -181,7 +181,7 @@ class Exchange:
             [Table(one, dtype.itemsize, components if kind == LEVEL else 1, kind) for one in axes]
             for kind, axes in enumerate(along)
         ]
-        functions = load_exchange()
+        functions = load_rows("exchange_rows")
         self.numbers = np.array(
             [
                 [(*functions, table.address, bool(one.rows)) for table, one in zip(tables, axes, strict=True)]

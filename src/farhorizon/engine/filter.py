@@ -28,7 +28,7 @@ import numpy as np
 from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
-from farhorizon.engine.rows.vectors import TOGETHER, fetch, take_passed, weigh_change
+from farhorizon.engine.rows.runs import TOGETHER, fetch, take_passed, weigh_change
 from farhorizon.engine.threads import barrier, chunk_of
 
 _PIECE = 256  # nodes of a run that one thread takes at a time

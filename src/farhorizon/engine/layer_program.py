@@ -62,8 +62,8 @@ from farhorizon.engine.nested import (
 from farhorizon.engine.rows.calls import call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.layer_sums import call_bands, call_crossing, call_mirrored
-from farhorizon.engine.rows.shifts import call_shifts
-from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, clear, fetch, turn
+from farhorizon.engine.rows.runs import TURNED, add_lines, clear, fetch, turn
+from farhorizon.engine.rows.shifts import call_parts, call_shifts
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, chunk_of
 

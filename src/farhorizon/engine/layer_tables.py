@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -38,10 +39,10 @@ from farhorizon.engine.nested import (
     WIDTH,
     Layers,
 )
-from farhorizon.engine.rows.build import load_bands, load_crossing, load_parts, load_shifts
-from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
+from farhorizon.engine.rows.build import load_rows
+from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirror_stencil, mirrored
 from farhorizon.engine.rows.matrices import Signs
-from farhorizon.engine.rows.vectors import TURNED
+from farhorizon.engine.rows.runs import TURNED
 
 
 class LayerTables:
@@ -170,9 +171,10 @@ class LayerTables:
         turned = ((tuple(-i if a == axis else i for a, i in enumerate(o)), w) for o, w in table.items())
         return all(o in table and np.array_equal(table[o], w) for o, w in turned)
 
-    def _shifts(self, reach: int, nested: bool) -> tuple[int, int, int]:
+    def _shifts(self, reach: int, nested: bool) -> tuple[int, ...]:
         """Addresses of the stretched shifts of a reach, outwards and inwards, and of the sums that they take."""
-        return load_shifts(reach, nested, not self.alike, self.dtype.name, self.kept.name)
+        varied, real, kept = not self.alike, self.dtype.name, self.kept.name
+        return load_rows("shift_rows", reach=reach, nested=nested, varied=varied, real=real, kept=kept)
 
     # --- where everything lies ---------------------------------------------------------------------------------
 
@@ -379,7 +381,7 @@ class LayerTables:
 
     def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
         """Make `Layers.mirrored` and `mirrored_weights`."""
-        m, size = self.layout.reach, self.rows * self.columns
+        m = self.layout.reach
         functions, rows = np.zeros((3 + m[0], 2, 2), np.int64), [np.zeros(0)]
         if not self.alike or m[2] > self.lanes:
             return functions, np.concatenate(rows).astype(self.dtype)
@@ -393,17 +395,19 @@ class LayerTables:
             if (apart and not in_bands) or not 0 < np.count_nonzero(matrices[chosen]) <= UNROLLED_LIMIT:
                 continue
             found = tuple(shape[i] for i in chosen)
-            pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
-            differ, real = self.sets[2] == 2, self.dtype.name
+            stencil = mirror_stencil(found, matrices[chosen], *self.signs)
+            settings: dict[str, Any] = {"stencil": stencil, "differ": self.sets[2] == 2, "real": self.dtype.name}
             if number == 2:
-                function = load_bands(found, pattern, *self.signs, differ, real)
+                kind = "band_rows"
             elif number < 3:
-                both = self.sets[number] == 2
-                function = load_parts(found, pattern, *self.signs, number, both, apart, differ, real)
+                kind, settings = (
+                    "part_rows",
+                    settings | {"axis": number, "both": self.sets[number] == 2, "apart": apart},
+                )
             else:
-                each, reach = (self.sets[0] == 2, self.sets[1] == 2), max(o[1] for o in found)
-                function = load_crossing(found, pattern, *self.signs, each, reach, apart, differ, real)
-            functions[number, int(apart)] = function, sum(map(len, rows))
+                both, reach = (self.sets[0] == 2, self.sets[1] == 2), max(o[1] for o in found)
+                kind, settings = "crossing_rows", settings | {"both": both, "reach": reach, "apart": apart}
+            functions[number, int(apart)] = *load_rows(kind, **settings), sum(map(len, rows))
             rows.append(matrices[chosen].ravel())
         return functions, np.concatenate(rows).astype(self.dtype)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import BUNDLE, WINDOW, clear, move_up, window_sums
+from farhorizon.engine.rows.runs import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.threads import barrier, chunk_of
 
 

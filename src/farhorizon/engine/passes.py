@@ -24,7 +24,7 @@ from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, layered_states, state_operations
 from farhorizon.engine.point_law import CHUNK, LawRows, PointLaw
-from farhorizon.engine.rows.build import load_map
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.shape_tensors import harmonic_eigenvalue
@@ -283,28 +283,28 @@ class Passes:
         intact = np.einsum("c,cab->ab", middle, bases).astype(self.dtype)
         some = tuple(tuple(np.flatnonzero(row).tolist()) for row in np.any(bases, axis=0))
         every, nothing = (tuple(range(count)),) * count, np.zeros((1, count, count), self.dtype)
-        laws = ((some, False), (every, False), (every, True))  # indexed by `WHOLE`, `ALIKE`, `EACH`
-        return PointLaw(
-            aligned_zeros(count * self.layout.size, self.dtype),
-            np.array([load_map(entries, count, each, False, real) for entries, each in laws]),
-            np.ascontiguousarray(intact),
-            none,
-            none,
-            nothing,
-            law_rows(self.layout.box, none, none, nothing),
-            np.full(1, not self.sums.unweakened, self.dtype),
-            middle.astype(self.dtype),
-            local.astype(self.dtype),
-            bases.astype(self.dtype),
-            self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
-            self.sums.kept or self.sums.released is not None,
-            *self._whole(),
-            np.zeros((self.engine.threads, count, CHUNK), self.dtype),
-            np.zeros(0, self.dtype),
-            self.dtype.type(1),
-            self._units(whole)[0].astype(self.dtype),
-            np.zeros((1, count), self.dtype),
-            np.zeros((0, 0), self.dtype),
+        functions = [  # indexed by `WHOLE`, `ALIKE`, `EACH`
+            load_rows("map_rows", entries=entries, columns=count, each=each, added=False, real=real)[0]
+            for entries, each in ((some, False), (every, False), (every, True))
+        ]
+        first, end = self._whole()
+        return no_law(self.engine)._replace(
+            values=aligned_zeros(count * self.layout.size, self.dtype),
+            functions=np.array(functions),
+            intact=np.ascontiguousarray(intact),
+            matrices=nothing,
+            rows=law_rows(self.layout.box, none, none, nothing),
+            harmonic_eigenvalue=np.full(1, not self.sums.unweakened, self.dtype),
+            moduli=middle.astype(self.dtype),
+            local=local.astype(self.dtype),
+            bases=bases.astype(self.dtype),
+            shapes=self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
+            kept=self.sums.kept or self.sums.released is not None,
+            first=first,
+            end=end,
+            room=np.zeros((self.engine.threads, count, CHUNK), self.dtype),
+            unit=self._units(whole)[0].astype(self.dtype),
+            units=np.zeros((1, count), self.dtype),
         )
 
     def energy_of_heat(self) -> np.ndarray:
@@ -432,10 +432,27 @@ def _check_straight(shapes: np.ndarray) -> None:
 
 def no_law(engine: Field) -> PointLaw:
     """Return the empty law of sums that need none."""
-    none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
-    room = np.zeros((1, 1, CHUNK), engine.dtype)
-    empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
-    rows = LawRows(none.reshape(0, 2), none.reshape(0, 6), none, empty)
-    matrices = none, nothing, none, none, nothing[None], rows, empty, empty, local, nothing[None]
-    heat = empty, engine.dtype.type(1), empty, nothing, nothing
-    return PointLaw(empty, *matrices, nothing, False, none, none, room, *heat)
+    none, empty, nothing = np.zeros(0, np.int64), np.zeros(0, engine.dtype), np.zeros((1, 1), engine.dtype)
+    return PointLaw(
+        values=empty,
+        functions=none,
+        intact=nothing,
+        nodes=none,
+        numbers=none,
+        matrices=nothing[None],
+        rows=LawRows(none.reshape(0, 2), none.reshape(0, 6), none, empty),
+        harmonic_eigenvalue=empty,
+        moduli=empty,
+        local=np.zeros((3, 0), engine.dtype),
+        bases=nothing[None],
+        shapes=nothing,
+        kept=False,
+        first=none,
+        end=none,
+        room=np.zeros((1, 1, CHUNK), engine.dtype),
+        thermal_strain=empty,
+        spacing=engine.dtype.type(1),
+        unit=empty,
+        units=nothing,
+        arms=np.zeros((0, 0), engine.dtype),
+    )

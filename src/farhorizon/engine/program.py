@@ -23,6 +23,7 @@ from farhorizon.engine.bonds import (
     FIRST,
     PHASES,
     PIECE_ROWS,
+    StateBonds,
     add_work,
     bond_factor,
     bond_gap,
@@ -77,8 +78,9 @@ from farhorizon.engine.release import break_by_energy
 from farhorizon.engine.rows.calls import call_operation, call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE, USED, call_exchange
-from farhorizon.engine.rows.linear_maps import call_map
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, block_sum, call_sweep, copy_run, copy_values, sweep_phases
+from farhorizon.engine.rows.matrices import call_map
+from farhorizon.engine.rows.runs import block_sum, copy_run, copy_values
+from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS, call_sweep, sweep_phases
 from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.thermal_strain import advance_thermal_strains, push_beyond, push_springs
@@ -943,15 +945,15 @@ def break_beyond(thread, stage, sums, tables, inputs, step, number):
 @operation(RELEASE)
 def break_with_energy(thread, stage, sums, tables, inputs, step, number):
     """Break bonds with which enough energy is lost."""
-    break_by_energy(thread, stage, sums.sweep, sums.liquid, tables.gradient_pass, tables.divergence_pass, tables.bonds)
+    passes = tables.gradient_pass, tables.divergence_pass
+    break_by_energy(thread, stage, StateBonds(sums.sweep, sums.liquid, passes[0], passes[1], tables.bonds))
 
 
 @operation(DAMAGED)
 def redo_nodes(thread, stage, sums, tables, inputs, step, number):
     """Recompute states or forces of nodes that have lost bonds; the number says which, see `engine.damage`."""
-    redo_damaged(
-        thread, stage, sums.sweep, sums.liquid, tables.gradient_pass, tables.divergence_pass, tables.bonds, number
-    )
+    passes = tables.gradient_pass, tables.divergence_pass
+    redo_damaged(thread, stage, StateBonds(sums.sweep, sums.liquid, passes[0], passes[1], tables.bonds), number)
 
 
 @operation(STRETCH_STATES)

@@ -16,7 +16,7 @@ from farhorizon.engine.nested import Layers
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.build import load_program
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
+from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
 from farhorizon.engine.thermal_strain import ThermalStrains
 

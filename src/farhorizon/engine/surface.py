@@ -11,7 +11,7 @@ import itertools
 import numpy as np
 
 from farhorizon.engine.layout import SLACK, Block
-from farhorizon.engine.rows.build import load_map
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.tables import Surface
 
 
@@ -51,8 +51,9 @@ def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
     if not len(nodes):
         return no_surface(weights.dtype)
     rows, columns = weights.shape[1:] or (1, 1)
-    function = load_map((tuple(range(columns)),) * rows, columns, True, True, weights.dtype.name)
-    return Surface(*in_rows(block, nodes, weights), function)
+    entries, real = (tuple(range(columns)),) * rows, weights.dtype.name
+    functions = load_rows("map_rows", entries=entries, columns=columns, each=True, added=True, real=real)
+    return Surface(*in_rows(block, nodes, weights), *functions)
 
 
 def in_rows(block: Block, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -154,7 +154,7 @@ class Surface(NamedTuple):
     weights : ndarray
         Matrices of each stretch, entry by entry.
     function : int
-        Address of the function that adds them, see `farhorizon.engine.rows.linear_maps.linear_map`; 0 if there are
+        Address of the function that adds them, see `farhorizon.engine.rows.matrices.linear_map`; 0 if there are
         none.
     """
 
