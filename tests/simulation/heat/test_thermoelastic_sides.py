@@ -355,7 +355,7 @@ def test_a_heat_of_several_stages_shares_no_layer():
     """A layer has no memory for each of them."""
     heat = fh.Heat(fh.Kernel(2.0), 4.0, 0.5, 0.3, "rk4")
     sim = fh.Simulation(SQUARE, fh.Thermoelastic(both().elastic, heat, 1e-3, ZERO), fh.LatticePML(nodes=6))
-    assert not sim.parts.thermoelastic and sim.engine.thermoelastic_layers is None
+    assert not sim.parts.thermoelastic and not sim.engine.heat_passes
 
 
 def test_a_heat_that_needs_shorter_steps_is_not_shared():

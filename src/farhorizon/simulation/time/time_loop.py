@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.pieces import Assembly, Box, common, sums_of, take_sums, values_of
+from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
