@@ -36,8 +36,7 @@ from farhorizon.simulation.setup.validation import (
     check_variation,
 )
 from farhorizon.simulation.sides.extension import Emitters, extend
-from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory
-from farhorizon.simulation.sides.layers import undesigned, with_one_filter
+from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
 from farhorizon.simulation.sides.surfaces import check_conditions, hold_and_damp
 from farhorizon.simulation.time.breaking import Breaking

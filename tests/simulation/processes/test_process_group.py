@@ -15,7 +15,7 @@ import farhorizon as fh
 from farhorizon.cli import main
 from outputs import written
 
-PROGRAM = Path(__file__).parents[1] / "on_processes.py"
+PROGRAM = Path(__file__).parents[2] / "on_processes.py"
 CASE = """
 lattice = { spacing = 0.3, lower = [-7.2, -7.2], upper = [7.2, 7.2] }
 model = { type = "wave", kernel = { horizon = 0.6 } }

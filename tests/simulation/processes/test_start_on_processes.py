@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-PROGRAM = Path(__file__).parents[1] / "start_on_processes.py"
+PROGRAM = Path(__file__).parents[2] / "start_on_processes.py"
 TWICE = "states that vary in a body"  # is assembled once more when its fastest oscillation is known
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from farhorizon.simulation.setup.digests import digest_of
 
-PROGRAM = Path(__file__).parents[1] / "on_unlike_processes.py"
+PROGRAM = Path(__file__).parents[2] / "on_unlike_processes.py"
 GLOBAL = np.arange(20.0)
 
 

@@ -10,7 +10,7 @@ import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
-from farhorizon.simulation.sides.layers import with_one_filter
+from farhorizon.simulation.sides.layered_sides import with_one_filter
 from farhorizon.simulation.sides.trials import TrialRuns
 from farhorizon.studies.compare import compare
 
