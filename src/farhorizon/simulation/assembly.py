@@ -144,7 +144,7 @@ def survey(
     """Determine the medium, the sides and the sources of a set-up; see `assembled`."""
     setup, variation, of_whole = given_setup, Variation(), None
     if subdomain is not None:
-        setup, of_whole = subdomain.reference_medium.uniform(given_setup), subdomain.whole
+        setup, of_whole = subdomain.reference_medium.uniform(given_setup), subdomain.extremes
         variation = subdomain.reference_medium.variation_of(given_setup)
     elif given_setup.model.varying or given_setup.lattice.existing is not None:
         setup, variation = varied(given_setup)

@@ -43,7 +43,7 @@ class Subdomain:
     decomposition: Decomposition
     neighbours: dict[Key, int]  # rank that fills the halo at each side, -1 for none, along the axes that have any
     reference_medium: ReferenceMedium  # of the whole run
-    whole: Extremes  # of the near field on all processes
+    extremes: Extremes  # of the near field on all processes
     boundary: dict[str, Side]  # sides of the whole run by name, with their layers
 
     @property

@@ -91,7 +91,7 @@ class TimeLoop:
                 return TimeLoop(setup, replace(parts, active_terms=[*parts.active_terms, (None, source)]), run_of)
 
         shared = sides_of_heat(self.parts.layered, grid.margins, self.parts.thermoelastic)
-        stepped_heat = HeatOfDeformation if load.coupled else HeatInSteps
+        stepped_heat = CoupledTemperature if load.coupled else StaggeredTemperature
         return stepped_heat(load, near, grid, sides, shared, driven, broken)
 
     def _broken(self, load: ThermalLoad) -> BrokenBonds | None:
