@@ -130,7 +130,7 @@ class Exchange:
     """
 
     def __init__(self, kinds: Sequence[Messages], components: int, dtype: np.dtype) -> None:
-        self.messages, self._size, self.agree = list(kinds), dtype.itemsize, kinds[0].link.agree
+        self.messages, self.agree = list(kinds), kinds[0].link.agree
         along = [[messages.along(axis) for axis in range(3)] for messages in kinds]
         self._tables = [
             [Table(messages, dtype.itemsize, components if kind == LEVEL else 1, kind) for messages in axes]
@@ -166,7 +166,3 @@ class Exchange:
         """Places of a level's first component that other processes fill, shape (n,)."""
         places = [filled for _, source, _, filled, _ in self.messages[LEVEL].rows if source >= 0]
         return np.unique(np.concatenate([np.zeros(0, np.int64), *places]))
-
-    def volume(self, components: int) -> int:
-        """Bytes of a level that this process sends to others."""
-        return self.messages[LEVEL].volume * components * self._size

@@ -37,7 +37,7 @@ from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
 from farhorizon.simulation.heat.coupling import expansion_of
 from farhorizon.simulation.heat.thermal_strains import ThermalStrains, check_known, insulated, unheated_strips
-from farhorizon.simulation.heat.thermoelastic_sides import ThermoelasticNodes, heat_beside
+from farhorizon.simulation.heat.thermoelastic_sides import ThermoelasticNodes, setup_of_heat
 from farhorizon.simulation.processes.process_group import ALONE
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
@@ -75,7 +75,7 @@ class StaggeredTemperature(ThermalStrains):
         self._largest, self._warned = 0.0, False
         self.every = 1
         self._power = np.zeros(near.lattice.shape)
-        self._heat = time_loop_of(heat_beside(load, near.dt, shared), lambda _: self._power)
+        self._heat = time_loop_of(setup_of_heat(load, near.dt, shared), lambda _: self._power)
         check_known(len(self._heat.parts.near.conditions.images))
         self._broken = broken
         if broken is not None:

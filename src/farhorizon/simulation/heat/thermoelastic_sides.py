@@ -81,7 +81,7 @@ def sides_of_heat(layered: LayeredSides, margins: Mapping[Key, int], thermoelast
     return sides
 
 
-def heat_beside(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Setup:
+def setup_of_heat(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Setup:
     """Return the set-up of the heat with the time step of the solid and the sides that they share."""
     heat = load.temperature
     named = {side_name(*key): side for key, side in shared.items()}

@@ -160,7 +160,7 @@ def contrast_in(
             key="coefficient",
             remedy="leave it out, or a factor that is zero in a part of the medium alone",
         )
-    weakest = -group.largest(-float(speeds.min(where=speeds > 0, initial=strongest)))
+    weakest = min(group.gather(float(speeds.min(where=speeds > 0, initial=strongest))))
     fastest = strongest
     if variation.density is not None:
         stiff = np.ones(lattice.shape) if variation.stiffness is None else variation.stiffness
@@ -194,7 +194,7 @@ def _softest(variation: Variation, group: ProcessGroup) -> float:
     """Return the smallest ratio of the springs beside the states to the P-wave modulus, over that of the model."""
     if variation.springs is None or variation.stiffness is None:
         return 1.0
-    return -group.largest(-float((variation.springs / variation.stiffness).min()))
+    return min(group.gather(float((variation.springs / variation.stiffness).min())))
 
 
 def _largest_at(
