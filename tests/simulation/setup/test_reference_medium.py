@@ -8,7 +8,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.geometry import lattice as lattices
-from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
+from farhorizon.geometry.decomposition import decompose
+from farhorizon.simulation.setup.reference_medium import _widened, node_factor, reference_and_variation, varied
 from threads_as_processes import on_threads
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
@@ -84,6 +85,26 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
             of_part = node_factor(replace(setup, lattice=part))
             inside = reached[part.within]
             np.testing.assert_array_equal(of_part[inside], factors[part.within][inside], err_msg=f"seed {SEED}")
+
+
+@pytest.mark.parametrize("periodic", [(), (0,), (0, 1)])
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_boxes_are_widened_by_the_values_of_their_neighbours(count, periodic):
+    """Beyond the lattice by those at its edges, or by those on the other side."""
+    values, reach = np.random.default_rng(count).standard_normal((13, 17)), (2, 3)
+    widened = values
+    for axis, m in enumerate(reach):
+        widths = [(m * (a == axis),) * 2 for a in range(2)]
+        widened = np.pad(widened, widths, mode="wrap" if axis in periodic else "edge")
+    boxes = decompose(values.shape, count, reach, {}, frozenset(periodic))
+
+    def of_box(group):
+        box = tuple(slice(*ends) for ends in boxes.ranges(group.number))
+        return _widened(values[box], boxes, reach, group)
+
+    for number, of_process in enumerate(on_threads(count, of_box)):
+        box = tuple(slice(a, b + 2 * m) for (a, b), m in zip(boxes.ranges(number), reach, strict=True))
+        np.testing.assert_array_equal(of_process, widened[box])
 
 
 def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):
