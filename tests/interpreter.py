@@ -150,7 +150,7 @@ class Interpreter:
         levels, (which, axis) = self.split(self.stage.src) if levels is None else levels, divmod(number, 3)
         messages = self.engine.exchange.messages[which].along(axis)
         for to, source, sent, filled, _ in messages.rows if which == LEVEL else ():
-            assert to == source == messages.link.own
+            assert to == source == messages.link.rank
             levels[:, filled] = levels[:, sent]
 
     def _keep(self) -> None:
