@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import farhorizon
+
 TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "src" / "farhorizon"
 
@@ -34,14 +36,24 @@ ORDER = (
     "inverse",  # gradients of what is recorded
     "public",  # every public name
     "case",  # TOML to a set-up
+    "",
     "papers",  # published figures
     "validation",  # exact solutions of unbounded media
-    "",
     "cli",
     "__main__",  # the entry point: `farhorizon` itself, which loads public names lazily, and the command line
 )
 #: Names that a package's own file defines before it imports anything, so that all modules may import them.
 GROUND = {("farhorizon", "__version__")}
+#: What papers and validations use beside public names, because nothing public does it; rooms or modules.
+BESIDE_PUBLIC = (
+    "pictures",  # their drawings
+    "studies.collection",  # the frame of their lists
+    "studies.toughness",  # a crack that runs through an infinite plane
+    "analysis.references",  # exact solutions, with which runs are compared
+    "analysis.fracture.opening",  # the intensity that follows from the opening of a crack
+    "analysis.exact",  # kernels of a half-infinite chain, which Ji et al. (2021) derive
+    "engine.rows.compiled",  # Numba's decorator, for the bar of that paper
+)
 
 
 def modules():
@@ -121,11 +133,33 @@ def test_no_modules_import_each_other_in_a_circle(arrows):
 
 
 def test_no_module_imports_the_face_of_its_own_room(arrows):
-    """The room would be only half loaded: a circular import, though the names of the modules do not show it."""
-    doors = {"farhorizon.cli", "farhorizon.__main__"}
+    """The room would be only half loaded: a circular import, though the names of the modules do not show it. The
+    package itself loads its public names late, so that the last rooms may import them from it, as users do.
+    """
+    doors = {name for name in arrows if room_of(name) in ("papers", "validation", "cli", "__main__")}
     pairs = [(one, other) for one, others in arrows.items() if one not in doors for other in others]
     inside = [(one, other) for one, other in pairs if one.startswith(f"{other}.")]
     assert inside == []
+
+
+def test_papers_and_validations_use_public_names(arrows):
+    """They are written like programs of users, and so prove the interface."""
+    used = {name: others for name, others in arrows.items() if room_of(name) in ("papers", "validation")}
+    internal = {
+        f"{name} imports {other}"
+        for name, others in used.items()
+        for other in others - {"farhorizon"}
+        if not any(f"{other}.".startswith(f"farhorizon.{room}.") for room in (*BESIDE_PUBLIC, room_of(name), "public"))
+    }
+    assert internal == set()
+    names = {
+        alias.name
+        for name in used
+        for node in ast.walk(ast.parse(modules()[name].read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module == "farhorizon"
+        for alias in node.names
+    }
+    assert names <= set(farhorizon.__all__)
 
 
 def test_every_room_is_there_and_says_what_it_is(arrows):

@@ -58,10 +58,8 @@ from farhorizon.inputs.local_sources import MomentTensor as MomentTensor
 from farhorizon.inputs.local_sources import PointForce as PointForce
 from farhorizon.inputs.local_sources import PointSource as PointSource
 from farhorizon.inputs.phased_arrays import PhasedArray as PhasedArray
-from farhorizon.inputs.plane_waves import IncidentWave as IncidentWave
 from farhorizon.inputs.prescribed import Prescribed as Prescribed
 from farhorizon.inputs.pressure import Pressure as Pressure
-from farhorizon.inputs.rayleigh_waves import RayleighWave as RayleighWave
 from farhorizon.inputs.signals import Chirp as Chirp
 from farhorizon.inputs.signals import Gaussian as Gaussian
 from farhorizon.inputs.signals import Ricker as Ricker
@@ -72,6 +70,8 @@ from farhorizon.inputs.signals import ToneBurst as ToneBurst
 from farhorizon.inputs.sources import Source as Source
 from farhorizon.inputs.specimens import Specimen as Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad as ThermalLoad
+from farhorizon.inputs.travelling_waves import IncidentWave as IncidentWave
+from farhorizon.inputs.travelling_waves import RayleighWave as RayleighWave
 from farhorizon.inverse.gradient import Gradient as Gradient
 from farhorizon.inverse.gradient import gradient as gradient
 from farhorizon.inverse.image import image as image

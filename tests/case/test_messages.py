@@ -336,7 +336,7 @@ def test_the_best_messages_stay(name):
 
 
 def test_what_grows_without_layers_is_not_put_down_to_layers():
-    from farhorizon.simulation.time.guard import likely_cause
+    from farhorizon.simulation.time.outer_loop import likely_cause
 
     sim = fh.Simulation(fh.Lattice(0.5, -4, 4), fh.Wave(fh.Kernel(1.0, 0)), fh.Fixed())
     assert "layer" not in likely_cause(sim)

@@ -63,7 +63,7 @@ def append(writers, dim, k, vector=False):
         place = (..., *(slice(*ends) for ends in box))
         part.append(10 * k, 0.4 * k, {name: values[place] for name, values in fields.items()})
     whole = writers[-1][1]
-    whole.append_probes(np.array([0.4 * k]), np.ones((1, *whole._probes)))
+    whole.append_probes(np.array([0.4 * k]), np.ones((1, *whole._layout.probe_shape)))
     whole.append(10 * k, 0.4 * k, fields if whole.whole else {}, energy=5.0 - k)
 
 
@@ -97,6 +97,21 @@ def test_parts_are_read_as_one_and_merged(tmp_path, dim, vector):
     assert content(tmp_path / "a-merged.h5") == content(tmp_path / "whole.h5")
     assert main(["merge", str(tmp_path / "whole.h5"), "-o", str(tmp_path / "copy.h5")]) == 0
     assert content(tmp_path / "copy.h5") == content(tmp_path / "whole.h5")
+
+
+@pytest.mark.parametrize(("dim", "vector"), [(1, False), (2, True), (3, False)])
+def test_parts_are_cut_anew(tmp_path, dim, vector):
+    """For other boxes, some of a single node along an axis, as when other processes continue a run."""
+    written(tmp_path / "a.h5", dim, vector=vector)
+    written(tmp_path / "whole.h5", dim, parts=False, vector=vector)
+    results, folder = open_results(tmp_path / "a.h5"), tmp_path / ".a.h5.cut"
+    boxes = list(itertools.product(*[[(0, 1), (1, ends[-1])] for ends in CUTS[dim]]))
+    folder.mkdir()
+    for number, box in enumerate(boxes):
+        results.cut(folder / part_path(tmp_path / "a.h5", number).name, box, 3)
+    results.take_parts(boxes, folder)
+    open_results(tmp_path / "a.h5").merge(tmp_path / "merged.h5")
+    assert content(tmp_path / "merged.h5") == content(tmp_path / "whole.h5")
 
 
 @pytest.mark.parametrize("outputs", [1, 3])

@@ -43,8 +43,8 @@ def cache_folder() -> Path:
 
 def _private(folder: Path) -> bool:
     """Whether a folder belongs to the user and nobody else can use it, because code in it will be executed."""
-    found = folder.lstat()
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) == 0o700
+    status = folder.lstat()
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and stat.S_IMODE(status.st_mode) == 0o700
 
 
 def sealed(data: bytes) -> bytes:
@@ -74,17 +74,15 @@ def kept(path: Path) -> dict[str, np.ndarray] | None:
         return None
     if data is None:
         return None
-    with np.load(io.BytesIO(data)) as found:
-        return dict(found)
+    with np.load(io.BytesIO(data)) as arrays:
+        return dict(arrays)
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file of the cache under a temporary name and rename it; remove temporary files left there by stopped
-    processes.
-    """
+    """Replace a file of the cache, and remove temporary files left there by stopped processes."""
     with replacing(path) as temporary:
         temporary.write_bytes(data)
-    for old in (*path.parent.glob("*.tmp"), *path.parent.glob("__pycache__/*.tmp.*")):
+    for left in (*path.parent.glob("*.tmp"), *path.parent.glob("__pycache__/*.tmp.*")):
         with suppress(OSError):
-            if time.time() - old.stat().st_mtime > _STALE:
-                old.unlink()
+            if time.time() - left.stat().st_mtime > _STALE:
+                left.unlink()

@@ -27,22 +27,8 @@ def _digest(data: bytes | np.ndarray) -> str:
 
 
 def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
-    """Write a checkpoint: under a temporary name in the same directory, forced to disk, then renamed.
-
-    Until the new checkpoint is complete, an older one at `path` stays as it is.
-
-    Parameters
-    ----------
-    path : str or Path
-    arrays : mapping of str to ndarray
-        Arrays of numbers, of any shape; they are read back bit by bit.
-    meta : mapping
-        Values that JSON can represent.
-
-    Raises
-    ------
-    InputError
-        There is no such directory, an array does not hold numbers, or `meta` is not JSON.
+    """Write arrays of numbers, and values that JSON can represent; until the new file is complete and on disk, an older
+    one stays as it is.
     """
     path = kinds.path(path, "path")
     directory_of(path)
@@ -73,23 +59,8 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read a checkpoint and verify every byte of its content.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    arrays : dict of str to ndarray
-    meta : dict
-
-    Raises
-    ------
-    InputError
-        There is no such file.
-    FileFormatError
-        The file is truncated, damaged, incomplete, of another version or not a farhorizon checkpoint.
+    """Read arrays and values, and verify every byte; FileFormatError if the file is truncated, damaged, incomplete, of
+    another version or foreign.
     """
     path = kinds.path(path, "path")
     remedy = "use an earlier checkpoint, or start the run anew"
@@ -100,20 +71,17 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
                 f"{path} is an HDF5 file, but not a farhorizon checkpoint",
                 remedy="give a file written by Simulation.save",
             )
-        remedy_of_older = "go on with the version of farhorizon that wrote it"
-        check_version(path, int(file.attrs["version"]), VERSION, remedy_of_older)
+        check_version(path, int(file.attrs["version"]), VERSION, "go on with the version of farhorizon that wrote it")
         if not file.attrs["complete"]:
             raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)
         text = file["index"][:].tobytes()
         if _digest(text) != word_in(file.attrs, "sha256"):
             raise FileFormatError(f"{path} is damaged: its index fails its check sum", remedy=remedy)
-        index = json.loads(text)
-        arrays = {}
+        index, arrays = json.loads(text), {}
         for number, entry in enumerate(index["arrays"]):
             dataset, name = file[f"arrays/{number}"], entry["name"]
-            whole = dataset.dtype.str == entry["dtype"] and dataset.shape == tuple(entry["shape"])
-            array = np.asarray(dataset[()]) if whole else np.empty(0)
-            if not whole or _digest(array) != entry["sha256"]:
+            alike = dataset.dtype.str == entry["dtype"] and dataset.shape == tuple(entry["shape"])
+            arrays[name] = np.asarray(dataset[()]) if alike else np.empty(0)
+            if not alike or _digest(arrays[name]) != entry["sha256"]:
                 raise FileFormatError(f"{path} is damaged: array {name!r} fails its check sum", remedy=remedy)
-            arrays[name] = array
     return arrays, index["meta"]

@@ -25,13 +25,7 @@ def xarray_module() -> Any:
 def dataset(
     fields: Mapping[str, np.ndarray], axes: Sequence[np.ndarray], moment: Mapping[str, float]
 ) -> xarray.Dataset:
-    """Fields at one time as an xarray Dataset; vectors have their components first.
-
-    Raises
-    ------
-    InputError
-        xarray is not installed.
-    """
+    """Fields at one time as an xarray Dataset; vectors have their components first."""
     names = ("x", "y", "z")[: len(axes)]
     data = {name: (("component", *names)[-values.ndim :], values) for name, values in fields.items()}
     coords: dict[str, Any] = {**dict(zip(names, axes, strict=True)), **moment}
@@ -40,24 +34,11 @@ def dataset(
     return xarray_module().Dataset(data, coords)
 
 
-def put_units(
-    whole: xarray.Dataset, units: Mapping[str, str], measured: Mapping[str, str], spectra: Mapping[str, str]
-) -> None:
-    """Set the units of the variables of a Dataset, as far as they are known.
-
-    Parameters
-    ----------
-    whole : xarray.Dataset
-    units : mapping of str to str
-        Units by the quantity that they measure.
-    measured : mapping of str to str
-        What variables measure, where it is not their own name.
-    spectra : mapping of str to str
-        Variables that are integrals over time, and the quantities that they integrate.
+def put_units(variables: xarray.Dataset, units: Mapping[str, str], quantities: Mapping[str, tuple[str, ...]]) -> None:
+    """Set the units of the variables of a Dataset, as far as those of the quantities that multiply to them are known; a
+    variable without an entry measures the quantity of its own name.
     """
-    for name in whole.variables.keys() & (measured.keys() | units.keys()):
-        if unit := units.get(measured.get(str(name), str(name))):
-            whole[name].attrs["units"] = unit
-    for name, quantity in spectra.items():
-        if (unit := units.get(quantity)) and "time" in units:
-            whole[name].attrs["units"] = f"{unit} {units['time']}"
+    for name in variables.variables:
+        factors = [units.get(quantity) for quantity in quantities.get(str(name), (str(name),))]
+        if all(factors):
+            variables[name].attrs["units"] = " ".join(map(str, factors))

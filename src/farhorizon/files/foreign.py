@@ -17,27 +17,13 @@ from farhorizon.errors import FileFormatError, InputError
 @contextmanager
 def reading(path: Path, what: str, key: str, remedy: str) -> Iterator[None]:
     """Guard the reading of a file, and nothing else: readers meet damaged data with errors of every kind, or exit, and
-    print and warn in several lines.
-
-    Parameters
-    ----------
-    path : Path
-    what : str
-        What the file contains, for messages: "the samples".
-    key, remedy : str
-        As of InputError.
-
-    Raises
-    ------
-    InputError
-        There is no such file, or it may not be read.
-    FileFormatError
-        The reader has raised anything else.
+    print and warn in several lines. InputError if it may not be read, FileFormatError for all else; `what` is in it, as
+    "the samples".
     """
     cannot = f"cannot read {what} {path}"
-    there = {"limit": "a file that can be read", "key": key, "remedy": "check the path"}
+    readable = {"limit": "a file that can be read", "key": key, "remedy": "check the path"}
     if not path.is_file():
-        raise InputError(f"{cannot}: no such file", value=path.name, **there)
+        raise InputError(f"{cannot}: no such file", value=path.name, **readable)
     silent = io.StringIO()
     try:
         with warnings.catch_warnings(), redirect_stdout(silent), redirect_stderr(silent):
@@ -47,9 +33,9 @@ def reading(path: Path, what: str, key: str, remedy: str) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:
         if isinstance(error, OSError) and error.strerror:
-            raise InputError(f"{cannot}: {error.strerror}", value=path.name, **there) from None
-        said = str(error) if not isinstance(error, SystemExit) else silent.getvalue() or "it gave up"
-        reason = " ".join(said.split())
+            raise InputError(f"{cannot}: {error.strerror}", value=path.name, **readable) from None
+        text = str(error) if not isinstance(error, SystemExit) else silent.getvalue() or "it gave up"
+        reason = " ".join(text.split())
         if not isinstance(error, ValueError | OSError | SyntaxError | SystemExit):  # whose texts are sentences
             reason = f"{type(error).__name__} {reason}".strip()
         raise FileFormatError(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -58,12 +58,11 @@ def opened(path: Path, mode: str, what: str) -> Iterator[Any]:
 
 
 def refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
-    """Raise FileFormatError if content of a file is stored elsewhere: our files have no links, and another file's
-    content may be secret.
-    """
+    """Refuse content that is stored elsewhere: our files have no links, and another file's content may be secret."""
     for name in group:
         item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) and depth < _DEPTH else None
-        if item is None or (isinstance(item, h5py.Dataset) and _lies_elsewhere(item, path)):
+        elsewhere = isinstance(item, h5py.Dataset) and (item.external or (item.is_virtual and not is_own(item, path)))
+        if item is None or elsewhere:
             raise FileFormatError(
                 f"{path}: {group.name.rstrip('/')}/{name} refers to another place or file, as nothing that we write "
                 "does",
@@ -71,10 +70,6 @@ def refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
             )
         if isinstance(item, h5py.Group):
             refuse_other_files(item, path, depth + 1)
-
-
-def _lies_elsewhere(item: Any, path: Path) -> bool:
-    return bool(item.external) or (item.is_virtual and not is_own(item, path))
 
 
 def read_indices(group: Any) -> None:
@@ -170,31 +165,53 @@ def grow(
     chunk: tuple[int, ...] | None = None,
     packed: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Create an empty dataset that grows by rows of a given shape, or by numbers.
-
-    Parameters
-    ----------
-    group : h5py.Group
-    name : str
-    dtype : dtype
-    row : tuple of int
-        Shape of a row; empty for numbers.
-    chunk : tuple of int, optional
-        Shape of a chunk, which has one checksum; 512 complete rows if not given.
-    packed : mapping, optional
-        Compression options of HDF5.
-    """
+    """Create an empty dataset that grows by rows of a shape; each chunk (512 rows unless given) has a checksum."""
     chunks = (CHUNK_ROWS, *row) if chunk is None else chunk
     return group.create_dataset(
         name, (0, *row), dtype, maxshape=(None, *row), chunks=chunks, fletcher32=True, **(packed or {})
     )
 
 
-def put_rows(dataset: Any, start: int, values: Any) -> None:
-    """Write `values` from row `start` on; existing rows from there on are replaced."""
-    stop = start + len(values)
-    dataset.resize(stop, axis=0)
-    dataset[start:stop] = values
+class Table(NamedTuple):
+    """Datasets that grow together by rows; an attribute counts the valid ones, and what lies beyond does not count."""
+
+    columns: dict[str, Any]
+    attributes: Any
+    counter: str = "rows"
+
+    @property
+    def counted(self) -> int:
+        """Number of valid rows according to the attribute."""
+        return int(self.attributes[self.counter])
+
+    def held(self, path: Path, least: int) -> int:
+        """The counted rows, as far as all columns hold them: a program of others may have been killed between two of
+        them. FileFormatError if these are less than `least`.
+        """
+        shortest = min(self.columns.values(), key=len)
+        rows = min(self.counted, len(shortest))
+        if rows < least:
+            raise FileFormatError(
+                f"{path} is damaged: {shortest.name} is too short",
+                value=len(shortest),
+                limit=least,
+                remedy="compute it again",
+            )
+        return rows
+
+    def put(self, start: int, values: Mapping[str, Any]) -> int:
+        """Write rows of all columns from row `start` on, which become the last valid ones; returns their number."""
+        for name, column in self.columns.items():
+            column.resize(start + len(values[name]), axis=0)
+            column[start:] = values[name]
+        self.attributes.modify(self.counter, end := len(next(iter(self.columns.values()))))
+        return end
+
+    def cut(self, rows: int) -> None:
+        """Cut off all rows beyond a number."""
+        self.attributes.modify(self.counter, rows)
+        for column in self.columns.values():
+            column.resize(rows, axis=0)
 
 
 def copy_attributes(source: Any, target: Any) -> None:

@@ -21,10 +21,10 @@ def table(rows: Iterable[tuple[str, object]], title: str = "") -> str:
     return f"<table>{head}{body}</table>"
 
 
-def listed(lines: Iterable[str], kind: str = "") -> str:
+def listed(lines: Iterable[str], style: str = "") -> str:
     """Lines as a list, escaped; empty if there are none."""
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f'<ul class="{escape(kind)}">{items}</ul>' if items else ""
+    return f'<ul class="{escape(style)}">{items}</ul>' if items else ""
 
 
 def preformatted(text: str) -> str:
@@ -38,12 +38,12 @@ def picture(path: Path) -> str:
     return f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{data}">'
 
 
-def film(data: bytes, kind: str) -> str:
+def film(data: bytes, encoding: str) -> str:
     """A film, GIF or MP4, embedded."""
     source = base64.b64encode(data).decode("ascii")
-    if kind == "mp4":
+    if encoding == "mp4":
         return f'<video controls autoplay loop muted src="data:video/mp4;base64,{source}"></video>'
-    return f'<img alt="film" src="data:image/{kind};base64,{source}">'
+    return f'<img alt="film" src="data:image/{encoding};base64,{source}">'
 
 
 def page(title: str, sections: Iterable[tuple[str, str]]) -> str:

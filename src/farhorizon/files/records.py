@@ -11,12 +11,13 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.hdf5 import directory_of
 
 if TYPE_CHECKING:
     import obspy
 
 _AXES = "xyz"
-_WORST = 1e-6  # largest deviation of equidistant times, relative to a step
+_UNEVEN = 1e-6  # largest deviation of equidistant times relative to a step; rounding of late times is less
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,7 @@ class Recorded:
             The quantity was not recorded, or there is no such folder.
         """
         chosen = [quantity] if quantity is None or isinstance(quantity, str) else list(quantity)
-        columns = {name: rows for one in chosen for name, rows in self.columns(self._chosen(one)).items()}
+        columns = {name: rows for given in chosen for name, rows in self.columns(self._chosen(given)).items()}
         places = [" ".join(f"{x:.10g}" for x in point) for point in self.points]
         titles = ["t", *(f"{name} at {place}" for name in columns for place in places)]
         table = np.column_stack([self.times, *columns.values()])
@@ -197,7 +198,7 @@ class Recorded:
                 remedy="a longer run",
             )
         apart = np.diff(self.times)
-        if np.ptp(apart) > _WORST * apart.mean():
+        if np.ptp(apart) > _UNEVEN * apart.mean():
             raise InputError(
                 "the times are not even",
                 value=apart.min(),
@@ -209,55 +210,36 @@ class Recorded:
 
 
 def _writable(path: str | Path) -> Path:
-    found = kinds.path(path, "path")
-    if not found.parent.is_dir():
-        raise InputError(
-            f"there is no directory {found.parent}",
-            value=str(found),
-            limit="a directory that exists",
-            key="path",
-            remedy="create it first",
-        )
-    return found
+    path = kinds.path(path, "path")
+    directory_of(path)
+    return path
 
 
-def measured_in(records: Mapping[str, Recorded]) -> dict[str, str]:
-    """What variables and coordinates of `dataset_parts` measure: length, time, frequency or the recorded quantity."""
-    found: dict[str, str] = {}
-    for name, one in records.items():
-        places = {} if one.directions else {f"{name}_{letter}": "length" for letter in _AXES[: one.dim]}
-        found |= {f"{name}_time": "time", f"{name}_frequency": "frequency", **places}
-        found |= {f"{name}_{quantity}": quantity for quantity in one.data}
-    return found
-
-
-def spectra_of(records: Mapping[str, Recorded]) -> dict[str, str]:
-    """Variables of `dataset_parts` that are spectra at positions, with their quantities."""
-    return {
-        f"{name}_{quantity}_spectrum": quantity
-        for name, one in records.items()
-        if not one.directions
-        for quantity in one.spectra
-    }
-
-
-def dataset_parts(records: Mapping[str, Recorded]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Variables and coordinates of an xarray Dataset; the names of those of recorder NAME begin with NAME."""
+def variables_of(records: Mapping[str, Recorded]) -> tuple[dict[str, Any], dict[str, Any], dict[str, tuple[str, ...]]]:
+    """Variables and coordinates of an xarray Dataset, where the names of those of recorder NAME begin with NAME, and of
+    each the quantities whose units multiply to its unit: spectra at points are integrals over time.
+    """
     data: dict[str, Any] = {}
     coords: dict[str, Any] = {}
-    for name, one in records.items():
-        ahead = f"{name}_time", f"{name}_point"
-        if one.data:
-            coords[ahead[0]] = one.times
-        for axis, letter in enumerate(_AXES[: one.dim]):
-            coords[f"{name}_{letter}"] = (ahead[1], one.points[:, axis])
-        for quantity, values in one.data.items():
-            data[f"{name}_{quantity}"] = ((*ahead, *("component", "along")[: values.ndim - 2]), values)
-            coords |= {dim: list(_AXES[: one.dim]) for dim in ("component", "along")[: values.ndim - 2]}
-        if one.spectra:
-            coords[f"{name}_frequency"] = one.frequencies
-        for quantity, values in one.spectra.items():
-            dims = (f"{name}_frequency", ahead[1], *("component", "along")[: values.ndim - 2])
-            data[f"{name}_{quantity}_spectrum"] = (dims, values)
-            coords |= {dim: list(_AXES[: one.dim]) for dim in ("component", "along")[: values.ndim - 2]}
-    return data, coords
+    quantities: dict[str, tuple[str, ...]] = {}
+    for name, record in records.items():
+        letters, point = list(_AXES[: record.dim]), f"{name}_point"
+        quantities |= {f"{name}_time": ("time",), f"{name}_frequency": ("frequency",)}
+        if record.data:
+            coords[f"{name}_time"] = record.times
+        if record.spectra:
+            coords[f"{name}_frequency"] = record.frequencies
+        for axis, letter in enumerate(letters):
+            coords[f"{name}_{letter}"] = (point, record.points[:, axis])
+            if not record.directions:
+                quantities[f"{name}_{letter}"] = ("length",)
+        for along, ending, tables in (("time", "", record.data), ("frequency", "_spectrum", record.spectra)):
+            for quantity, values in tables.items():
+                inner = ("component", "along")[: values.ndim - 2]
+                data[f"{name}_{quantity}{ending}"] = ((f"{name}_{along}", point, *inner), values)
+                coords |= dict.fromkeys(inner, letters)
+                if not ending:
+                    quantities[f"{name}_{quantity}"] = (quantity,)
+                elif not record.directions:
+                    quantities[f"{name}_{quantity}{ending}"] = (quantity, "time")
+    return data, coords, quantities

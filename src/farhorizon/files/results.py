@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 import shutil
 import warnings
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,23 +18,23 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import FileFormatError, InputError, ValidityWarning
 from farhorizon.files.datasets import put_units, xarray_module
-from farhorizon.files.hdf5 import copy_all_but, directory_of, failing, hdf5_file, opened, read_rows, word_in, words_in
-from farhorizon.files.parts import Box, folder_of, part_path
-from farhorizon.files.polylines import gathered, write_vtp
-from farhorizon.files.records import Recorded, dataset_parts, measured_in, spectra_of
-from farhorizon.files.region_numbers import FIELD, OUTSIDE
-from farhorizon.files.results_layout import (
-    Caution,
-    boxes_in,
-    check_format,
-    components_in,
-    copied_data,
-    counts_of,
-    make_field,
-    make_room,
-    put_boxes,
-    vtk_shape,
+from farhorizon.files.hdf5 import (
+    copy_all_but,
+    copy_attributes,
+    directory_of,
+    failing,
+    hdf5_file,
+    opened,
+    put_fixed,
+    read_rows,
+    word_in,
+    words_in,
 )
+from farhorizon.files.parts import Box, folder_of, make_room, part_path, stored_slices
+from farhorizon.files.polylines import lines_in, write_vtp
+from farhorizon.files.records import Recorded, variables_of
+from farhorizon.files.region_numbers import FIELD, OUTSIDE
+from farhorizon.files.results_layout import Caution, Layout, counts_of, make_field, stored_boxes, table_in, vtk_shape
 from farhorizon.files.results_writer import ResultsWriter, check_replaceable
 from farhorizon.files.storage import created
 
@@ -93,32 +93,25 @@ class Results:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with opened(self.path, "r", "results file") as file:
-            group = check_format(file, self.path)
+            self._layout = layout = Layout.of(file, self.path)
+            group = file["farhorizon"]
             counts_of(file, self.path)
-            self.dim = int(group.attrs["dim"])
-            self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
-            self.spacing = float(group.attrs["spacing"])
-            self.lower: tuple[float, ...] = tuple(float(v) for v in group.attrs["lower"])
-            self.field_names: tuple[str, ...] = words_in(group, "fields")
-            self.probes: np.ndarray = read_rows(group, self.path, "probes")
+            self.shape, self.lower, self.spacing, *_ = layout
+            self.dim = len(self.shape)
+            self.components, self.field_names = layout.components, tuple(layout.components)
+            self.probes = layout.probes
             self.case: str = words_in(group, "case")[0]
             self.program = word_in(group.attrs, "program")
             self.units, self.provenance = (
                 dict[str, str](json.loads(word_in(group.attrs, name) or "{}")) for name in ("units", "provenance")
             )
             self.finished = bool(group.attrs.get("finished", False))
-            self.outlines: dict[str, list[np.ndarray]] = {}
-            if "outlines" in group:
-                shown = group["outlines"]
-                points, counts = (read_rows(shown, self.path, name) for name in ("points", "counts"))
-                self.outlines = gathered(points, counts, words_in(shown, "names"))
+            self.outlines = lines_in(group, self.path, "outlines")
             self.region_names = words_in(group, "regions")
-            self._accounts = words_in(group, "accounts")
-            self._boxes, self._parts = boxes_in(group, self.path), dict[int, Results]()
-            self.components = components_in(group)
+            self._parts = dict[int, Results]()
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
-                if stored != vtk_shape(self.shape, self.components[name]):
+                if stored != layout.stored_shape(name):
                     raise FileFormatError(
                         f"{self.path} is damaged: field {name!r} has not the lattice shape",
                         value=stored,
@@ -133,24 +126,18 @@ class Results:
     @property
     def boxes(self) -> list[list[tuple[int, int]]]:
         """The boxes of the parts: first node and last node + 1 along each axis; empty if the file has no parts."""
-        return [[(int(first), int(last)) for first, last in box] for box in self._boxes]
+        return [[(int(first), int(last)) for first, last in box] for box in self._layout.boxes]
 
-    def _output_rows(self, name: str) -> np.ndarray:
+    def _column(self, table: str, column: str) -> np.ndarray:
+        """Valid rows of a column of a table that every file has."""
         with opened(self.path, "r", "results file") as file:
-            return read_rows(file, self.path, name, slice(counts_of(file, self.path).outputs))
-
-    def _history_rows(self, name: str) -> np.ndarray:
-        with opened(self.path, "r", "results file") as file:
-            return read_rows(file, self.path, f"farhorizon/history/{name}", slice(counts_of(file, self.path).rows))
-
-    def _records(self, name: str) -> np.ndarray:
-        with opened(self.path, "r", "results file") as file:
-            return read_rows(file, self.path, f"farhorizon/records/{name}", slice(counts_of(file, self.path).records))
+            rows = slice(counts_of(file, self.path)[table])
+            return read_rows(file, self.path, table_in(file, table).columns[column].name.lstrip("/"), rows)
 
     @property
     def times(self) -> np.ndarray:
         """Times of the outputs, shape (outputs,)."""
-        return self._output_rows("VTKHDF/Steps/Values")
+        return self._column("outputs", "times")
 
     @property
     def cautions(self) -> list[Caution]:
@@ -161,7 +148,7 @@ class Results:
     @property
     def steps(self) -> np.ndarray:
         """Step numbers of the outputs, shape (outputs,)."""
-        return self._output_rows("farhorizon/steps")
+        return self._column("outputs", "steps")
 
     @property
     def axes(self) -> list[np.ndarray]:
@@ -171,38 +158,37 @@ class Results:
     @property
     def history_times(self) -> np.ndarray:
         """Times of the history, shape (rows,)."""
-        return self._history_rows("times")
+        return self._column("history", "times")
 
     @property
     def probe_times(self) -> np.ndarray:
         """Times at which the probes were recorded, shape (records,): every step unless the case specifies otherwise."""
-        return self._records("times")
+        return self._column("records", "times")
 
     @property
     def probe_values(self) -> np.ndarray:
         """Values at the probes at `probe_times`, shape (records, n probes[, components])."""
-        return self._records("values") if len(self.probes) else np.empty((0, 0))
+        return self._column("records", "values") if len(self.probes) else np.empty((0, 0))
 
     @property
     def recorded(self) -> dict[str, Recorded]:
         """The data of receivers and spectra, by their names."""
-        found = {}
+        recorded = {}
         with opened(self.path, "r", "results file") as file:
             for name, group in file["farhorizon"].get("recorded", {}).items():
                 place, rows = f"farhorizon/recorded/{name}", slice(int(group.attrs["rows"]))
-                spectra = {n: _read_spectrum(file, self.path, f"{place}/spectra/{n}") for n in group["spectra"]}
-                found[name] = Recorded(
+                recorded[name] = Recorded(
                     name,
                     read_rows(file, self.path, f"{place}/points"),
                     read_rows(file, self.path, f"{place}/times", rows),
                     {n: read_rows(file, self.path, f"{place}/data/{n}", rows) for n in group["data"]},
                     read_rows(file, self.path, f"{place}/frequencies"),
-                    spectra,
+                    {n: _read_spectrum(file, self.path, f"{place}/spectra/{n}") for n in group["spectra"]},
                     bool(group.attrs.get("directions", False)),
                     float(group.attrs.get("medium", 0.0)),
                     words_in(group, "labels"),
                 )
-        return found
+        return recorded
 
     @property
     def regions(self) -> np.ndarray:
@@ -218,13 +204,14 @@ class Results:
     @property
     def energy(self) -> np.ndarray:
         """Energy, shape (rows,); nan where none was recorded."""
-        return self._history_rows("energy")
+        return self._column("history", "energy")
 
     @property
     def balance(self) -> dict[str, np.ndarray]:
         """Entries of the balance (`Simulation.balance`), each of shape (rows,); empty if none was recorded."""
-        rows = self._history_rows("balance") if self._accounts else np.empty((0, 0))
-        return {name: rows[:, i] for i, name in enumerate(self._accounts)}
+        accounts = self._layout.accounts
+        rows = self._column("history", "balance") if accounts else np.empty((0, 0))
+        return {name: rows[:, i] for i, name in enumerate(accounts)}
 
     def field(self, name: str, index: int = -1) -> np.ndarray:
         """Read one field at one output.
@@ -250,76 +237,66 @@ class Results:
             raise InputError(f"{self.path} has no field {name!r}", remedy=f"one of {', '.join(self.field_names)}")
         index = kinds.integer(index, "index", least=-kinds.MOST_WHOLE)
         with opened(self.path, "r", "results file") as file:
-            outputs = counts_of(file, self.path).outputs
+            outputs = counts_of(file, self.path)["outputs"]
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
         return self._values(name, slice(index % outputs, index % outputs + 1))[0]
 
-    def _values(self, name: str, rows: slice, within: Box | None = None) -> np.ndarray:
-        """Outputs of a field, in a box if one is given, shape (outputs[, components], nx[, ny[, nz]]), assembled from
-        the parts if there are any.
+    def _values(self, name: str, rows: slice, box: Box | None = None) -> np.ndarray:
+        """Outputs of a field, in a box if one is given, shape (outputs[, components], nx[, ny[, nz]])."""
+        box = [(0, n) for n in self.shape] if box is None else box
+        stored, components = self._stored(name, rows, box), self.components[name]
+        sizes = [last - first for first, last in box]
+        values = stored.reshape(len(stored), *sizes[::-1], *(() if components == 1 else (3,)))
+        ours = values.transpose(0, *range(values.ndim - 1, 0, -1))
+        return np.ascontiguousarray(ours if components == 1 else ours[:, :components])
+
+    def _stored(self, name: str, rows: slice, box: Box) -> np.ndarray:
+        """Outputs of a field in a box, in VTK's order of axes and with its padding of vectors, assembled from the parts
+        if there are any.
         """
-        asked = np.array([(0, n) for n in self.shape] if within is None else within)
-        if not len(self._boxes):
+        axes = vtk_shape(self.shape, 1)
+        if not len(self._layout.boxes):
             with opened(self.path, "r", "results file") as file:
-                values = self._lattice_first(name, read_rows(file, self.path, f"VTKHDF/PointData/{name}", rows))
-            inside: tuple[Any, ...] = (..., *(slice(first, last) for first, last in asked))
-            return values[inside]
-        whole, size = np.zeros(0), asked[:, 1] - asked[:, 0]
-        for number, box in enumerate(self._boxes):
-            first, last = np.maximum(box[:, 0], asked[:, 0]), np.minimum(box[:, 1], asked[:, 1])
-            if (first >= last).any():
+                return read_rows(file, self.path, f"VTKHDF/PointData/{name}", (rows, *stored_slices(axes, box)))
+        asked, values = np.array(box), np.zeros(0)
+        for number, held in enumerate(self._layout.boxes):
+            common = np.stack([np.maximum(held[:, 0], asked[:, 0]), np.minimum(held[:, 1], asked[:, 1])], axis=1)
+            if (common[:, 0] >= common[:, 1]).any():
                 continue
-            values = self._part(number, box)._values(name, rows)
-            if not whole.size:
-                whole = np.zeros((*values.shape[: -self.dim], *size), values.dtype)
-            self._check_rows(number, len(values), len(whole))
-            to: tuple[Any, ...] = (..., *map(slice, first - asked[:, 0], last - asked[:, 0]))
-            of: tuple[Any, ...] = (..., *map(slice, first - box[:, 0], last - box[:, 0]))
-            whole[to] = values[of]
-        return whole
+            piece = self._part(number)._stored(name, rows, common - held[:, :1])
+            if not values.size:
+                sizes = [part.stop for part in stored_slices(axes, asked - asked[:, :1])]
+                values = np.zeros((len(piece), *sizes, *self._layout.stored_shape(name)[len(axes) :]), piece.dtype)
+            if len(piece) != len(values):
+                raise FileFormatError(
+                    f"{part_path(self.path, number)} has other outputs than the other parts",
+                    value=len(piece),
+                    limit=len(values),
+                    remedy="compute it again, or resume the run from a checkpoint before it",
+                )
+            place = values[(slice(None), *stored_slices(axes, common - asked[:, :1]))]
+            place[...] = piece.reshape(place.shape)  # a part of one node along a slow axis lacks that axis
+        return values
 
-    def _part(self, number: int, box: np.ndarray) -> Results:
-        """The results of a part.
-
-        Raises
-        ------
-        FileFormatError
-            The part is missing or belongs to another run.
-        """
+    def _part(self, number: int) -> Results:
+        """The results of a part; FileFormatError if it is missing or belongs to another run."""
         if number in self._parts:
             return self._parts[number]
-        path = part_path(self.path, number)
+        path, box = part_path(self.path, number), self._layout.boxes[number]
         if not path.is_file():
             raise FileFormatError(
                 f"{self.path} lacks its part {path}",
                 remedy=f"keep the folder {folder_of(self.path).name} beside the file",
             )
-        found = Results(path)
-        alike = found.shape == tuple(box[:, 1] - box[:, 0]) and found.field_names == self.field_names
-        if not (alike and found.components == self.components and found.spacing == self.spacing):
+        part = Results(path)
+        alike = part.shape == tuple(box[:, 1] - box[:, 0]) and part.field_names == self.field_names
+        if not (alike and part.components == self.components and part.spacing == self.spacing):
             raise FileFormatError(
                 f"{path} is no part of {self.path}", remedy="use the folder that the run has written beside the file"
             )
-        self._parts[number] = found
-        return found
-
-    def _check_rows(self, number: int, held: int, wanted: int) -> None:
-        if held != wanted:
-            raise FileFormatError(
-                f"{part_path(self.path, number)} has other outputs than the other parts",
-                value=held,
-                limit=wanted,
-                remedy="compute it again, or resume the run from a checkpoint before it",
-            )
-
-    def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
-        """Outputs in our order of axes, without VTK's padding of vectors: (outputs[, components], nx[, ny[, nz]])."""
-        components = self.components[name]
-        width = () if components == 1 else (3,)
-        values = stored.reshape(len(stored), *self.shape[::-1], *width)
-        found = values.transpose(0, *range(values.ndim - 1, 0, -1))
-        return np.ascontiguousarray(found if components == 1 else found[:, :components])
+        self._parts[number] = part
+        return part
 
     def damaged(self) -> list[str]:
         """Verify all check sums, which reads the whole file, chunk by chunk, and its parts.
@@ -335,7 +312,7 @@ class Results:
         FileFormatError
             What says where the data are is damaged, or a part is missing.
         """
-        parts = [self._part(number, box).path for number, box in enumerate(self._boxes)]
+        parts = [self._part(number).path for number in range(len(self._layout.boxes))]
         return _failing(self.path) + [f"{path.name}: {name}" for path in parts for name in _failing(path)]
 
     def merge(self, path: str | Path) -> Path:
@@ -365,27 +342,40 @@ class Results:
         check_replaceable(path)
         if path.exists() and path.samefile(self.path):
             raise InputError("the file cannot take its own place", value=path, key="path", remedy="another name")
-        with opened(self.path, "r", "results file") as file, created(path) as draft, hdf5_file(draft, "w") as made:
-            counts = counts_of(file, self.path)
-            copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
-            source, data = file["VTKHDF/PointData"], copied_data(file["VTKHDF/PointData"], made)
+        outputs = len(self.times)
+        with self._copied(path) as (_, data):
             for name in self.field_names:
-                self._copy_field(source[name], data, counts.outputs)
+                axes = len(vtk_shape(self.shape, 1))
+                field = make_field(data, name, self._layout.stored_shape(name), *self._stored_as(name))
+                field.resize(outputs, axis=0)
+                for chunk in field.iter_chunks() if outputs else ():
+                    box = [(part.start, part.stop) for part in chunk[axes:0:-1]]
+                    field[chunk] = self._stored(name, chunk[0], [*box, *[(0, 1)] * (self.dim - axes)])
         make_room(path, 0)
         return path
 
-    def cut(self, path: Path, box: Box, outputs: int) -> None:
-        """Write the fields in a box, at the first outputs, to a results file that contains nothing else.
-
-        Raises
-        ------
-        FileFormatError
-            A part is missing or damaged.
+    @contextmanager
+    def _copied(self, path: Path) -> Iterator[tuple[Any, Any]]:
+        """A copy of the file without its fields and boxes, and its group for the fields; it replaces what is at a path
+        at the end.
         """
-        one = self._part(0, self._boxes[0]).path if len(self._boxes) else self.path
-        with opened(one, "r", "results file") as file:
-            data = file["VTKHDF/PointData"][self.field_names[0]]
-            dtype, compress = data.dtype, data.compression is not None
+        with opened(self.path, "r", "results file") as file, created(path) as draft, hdf5_file(draft, "w") as made:
+            copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
+            source, data = file["VTKHDF/PointData"], made.create_group("VTKHDF/PointData")
+            copy_attributes(source, data)
+            if FIELD in source:
+                source.copy(FIELD, data)
+            yield made, data
+
+    def _stored_as(self, name: str) -> tuple[np.dtype, bool]:
+        """Type of a field in the file or in its parts, and whether it is compressed."""
+        with opened(self._part(0).path if len(self._layout.boxes) else self.path, "r", "results file") as file:
+            data = file["VTKHDF/PointData"][name]
+            return data.dtype, data.compression is not None
+
+    def cut(self, path: Path, box: Box, outputs: int) -> None:
+        """Write the fields in a box, at the first outputs, to a results file that contains nothing else."""
+        dtype, compress = self._stored_as(self.field_names[0])
         writer = ResultsWriter.create(
             path,
             shape=[last - first for first, last in box],
@@ -406,47 +396,16 @@ class Results:
 
         If this is interrupted, either set of parts is still in a folder of its own.
         """
-        with opened(self.path, "r", "results file") as file, created(self.path) as draft, hdf5_file(draft, "w") as made:
-            copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
-            source, data = file["VTKHDF/PointData"], copied_data(file["VTKHDF/PointData"], made)
+        with self._copied(self.path) as (made, data):
             for name in self.field_names:
-                data.create_dataset(name, (0, *source[name].shape[1:]), source[name].dtype)
-            put_boxes(made["farhorizon"], boxes)
-        old, own = folder.with_name(f"{folder.name}.old"), folder_of(self.path)
-        if own.is_dir():
-            own.rename(old)
-        folder.rename(own)
+                data.create_dataset(name, (0, *self._layout.stored_shape(name)), self._stored_as(name)[0])
+            put_fixed(made["farhorizon"], "parts", stored_boxes(boxes))
+        old, place = folder.with_name(f"{folder.name}.old"), folder_of(self.path)
+        if place.is_dir():
+            place.rename(old)
+        folder.rename(place)
         if old.is_dir():
             shutil.rmtree(old)
-
-    def _copy_field(self, source: Any, data: Any, outputs: int) -> None:
-        """Copy the outputs of a field to a group, chunk by chunk."""
-        name = source.name.rpartition("/")[2]
-        dim = source.ndim - 1 - (self.components[name] > 1)  # number of stored axes
-        with ExitStack() as stack:
-            parts = [
-                (box[:dim][::-1], stack.enter_context(opened(self._part(i, box).path, "r", "results file")))
-                for i, box in enumerate(self._boxes)
-            ]
-            own = source if not parts else parts[0][1][source.name]
-            made = make_field(data, name, source.shape[1:], source.dtype, own.compression is not None)
-            made.resize(outputs, axis=0)
-            for chunk in made.iter_chunks() if outputs else ():
-                values = np.zeros([one.stop - one.start for one in chunk], source.dtype)
-                if not parts:
-                    values[...] = source[chunk]
-                for box, file in parts:
-                    common = [
-                        (max(one.start, int(first)), min(one.stop, int(last)), one.start, int(first))
-                        for one, (first, last) in zip(chunk[1 : dim + 1], box, strict=True)
-                    ]
-                    if all(first < last for first, last, _, _ in common):
-                        here = tuple(slice(first - begin, last - begin) for first, last, begin, _ in common)
-                        there = tuple(slice(first - begin, last - begin) for first, last, _, begin in common)
-                        values[(slice(None), *here)] = read_rows(
-                            file, Path(file.filename), source.name, (chunk[0], *there)
-                        )
-                made[chunk] = values
 
     def write_outlines(self, path: str | Path) -> Path:
         """Write the `outlines` for ParaView, which shows them beside the fields.
@@ -486,48 +445,25 @@ class Results:
         xarray = xarray_module()
         # The counts are read once, because a running simulation may append between two accesses.
         times, history_times, probe_times = self.times, self.history_times, self.probe_times
-        data = self._variables(times.size, history_times.size, probe_times.size)
-        coords = self._coordinates(times, history_times, probe_times)
-        if any("component" in dims for dims, *_ in data.values()):
-            coords["component"] = list(_AXES[: self.dim])
-        recorded = self.recorded
-        more = dataset_parts(recorded)
-        whole = xarray.Dataset(data | more[0], coords | more[1], self._attributes())
-        put_units(whole, self.units, self._measured() | measured_in(recorded), spectra_of(recorded))
-        return whole
-
-    def _variables(self, outputs: int, rows: int, records: int) -> dict[str, Any]:
-        """Variables of a Dataset that every results file has, up to the given counts."""
-        names, probed = _AXES[: self.dim], self.probe_values[:records]
-        data: dict[str, Any] = {}
+        names, probed = _AXES[: self.dim], self.probe_values[: probe_times.size]
+        data, coords, quantities = variables_of(self.recorded)
         for name, count in self.components.items():
             dims = ("time", *names) if count == 1 else ("time", "component", *names)
-            data[name] = (dims, self._values(name, slice(outputs)))
-        data["energy"] = ("history_time", self.energy[:rows])
+            data[name] = (dims, self._values(name, slice(times.size)))
+        data["energy"] = ("history_time", self.energy[: history_times.size])
         data["probe_values"] = (("probe_time", "probe", "component")[: probed.ndim], probed)
         if self.region_names:
             data[FIELD] = (names, self.regions, {"names": list(self.region_names), "outside": OUTSIDE})
-        if self._accounts:
-            balance = np.stack([values[:rows] for values in self.balance.values()], axis=1)
-            data["balance"] = (("history_time", "account"), balance)
-        return data
-
-    def _coordinates(self, times: np.ndarray, history_times: np.ndarray, probe_times: np.ndarray) -> dict[str, Any]:
-        coords: dict[str, Any] = {
-            "time": times,
-            "step": ("time", self.steps[: times.size]),
-            "history_time": history_times,
-            "probe_time": probe_times,
-        }
-        for axis, name in enumerate(_AXES[: self.dim]):
-            coords[name] = self.axes[axis]
-            coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
-        if self._accounts:
-            coords["account"] = list(self._accounts)
-        return coords
-
-    def _attributes(self) -> dict[str, Any]:
-        return {
+        if balance := self.balance:
+            rows = np.stack([values[: history_times.size] for values in balance.values()], axis=1)
+            data["balance"], coords["account"] = (("history_time", "account"), rows), list(balance)
+        coords |= {"time": times, "step": ("time", self.steps[: times.size])}
+        coords |= {"history_time": history_times, "probe_time": probe_times}
+        for axis, name in enumerate(names):
+            coords |= {name: self.axes[axis], f"probe_{name}": ("probe", self.probes[:, axis])}
+        if any("component" in dims for dims, *_ in data.values()):
+            coords["component"] = list(names)
+        attributes = {
             **self.provenance,
             "program": self.program,
             "case": self.case,
@@ -536,13 +472,16 @@ class Results:
             "lower": list(self.lower),
             "cautions": [caution.text for caution in self.cautions],
         }
-
-    def _measured(self) -> dict[str, str]:
-        """What variables and coordinates of a Dataset measure, where it is not their own name."""
-        lengths = [f"{before}{name}" for before in ("", "probe_") for name in _AXES[: self.dim]]
-        measured = {**dict.fromkeys(lengths, "length"), "probe_values": "u"}
-        measured |= dict.fromkeys(("time", "probe_time", "history_time"), "time")
-        return measured | {name: "stress" for name in self.field_names if name.startswith("stress_")}
+        variables = xarray.Dataset(data, coords, attributes)
+        for quantity, of_it in (
+            ("length", [f"{before}{name}" for before in ("", "probe_") for name in names]),
+            ("time", ["time", "probe_time", "history_time"]),
+            ("u", ["probe_values"]),
+            ("stress", [name for name in self.field_names if name.startswith("stress_")]),
+        ):
+            quantities |= dict.fromkeys(of_it, (quantity,))
+        put_units(variables, self.units, quantities)
+        return variables
 
 
 def open_results(path: str | Path, verify: bool = True) -> Results:
@@ -577,12 +516,12 @@ def open_results(path: str | Path, verify: bool = True) -> Results:
     >>> results = fh.open_results("results/case.h5")  # doctest: +SKIP
     >>> results.times, results.field("u", -1)  # doctest: +SKIP
     """
-    found = Results(kinds.path(path, "path"))
-    if kinds.flag(verify, "verify") and (failed := found.damaged()):
+    results = Results(kinds.path(path, "path"))
+    if kinds.flag(verify, "verify") and (failed := results.damaged()):
         shown = ", ".join(failed[:_LISTED]) + (f" and {len(failed) - _LISTED} more" if len(failed) > _LISTED else "")
         text = f"{path} is damaged, and what fails its check sum cannot be read: {shown}; remedy: compute it again"
         warnings.warn(text, ValidityWarning, stacklevel=2)
-    return found
+    return results
 
 
 def _read_spectrum(file: Any, path: Path, name: str) -> np.ndarray:
@@ -594,9 +533,9 @@ def _read_spectrum(file: Any, path: Path, name: str) -> np.ndarray:
 def _failing(path: Path) -> list[str]:
     """What fails its check sum twice: what a running simulation was just writing is whole the next time."""
     with opened(path, "r", "results file") as file:
-        found = list(failing(file))
-    if not found:
-        return found
+        damaged = list(failing(file))
+    if not damaged:
+        return damaged
     with opened(path, "r", "results file") as file:
         again = set(failing(file))
-    return [name for name in found if name in again]
+    return [name for name in damaged if name in again]

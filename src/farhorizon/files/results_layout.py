@@ -2,10 +2,9 @@
 
 A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it directly:
 ``/VTKHDF`` contains the fields as point data, one chunked record per output, in VTK's order (x fastest), on a lattice
-padded to three dimensions. ``/farhorizon`` contains what VTK does not know: case text, program, lattice, step numbers,
-the history of energy and balance, and, with times of their own, the records of the probes. Its attribute ``outputs``,
-and the attributes ``rows`` of the history and of the records, say how many are valid; ``finished`` says whether the run
-reached its end. Every dataset has a checksum (Fletcher 32) per chunk, and so has all metadata in HDF5's format 1.10.
+padded to three dimensions. ``/farhorizon`` contains what VTK does not know: case text, program, lattice, and the tables
+of `table_in`, each with the number of its valid rows; ``finished`` says whether the run reached its end. Every dataset
+has a checksum (Fletcher 32) per chunk, and so has all metadata in HDF5's format 1.10.
 
 It is written through `farhorizon.files.storage`: if a process is killed, or a disk is full, the file stays as it was
 before. Several processes write a file in parts, see `farhorizon.files.parts`.
@@ -21,60 +20,34 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from farhorizon.errors import FileFormatError
 from farhorizon.files.hdf5 import (
+    CHUNK_ROWS,
+    Table,
     check_version,
-    copy_attributes,
     grow,
     put_fixed,
+    put_word,
+    put_words,
     read_rows,
     refuse_other_files,
     word_in,
     words_in,
 )
-from farhorizon.files.parts import Box, folder_of, lay_out, parts_of
+from farhorizon.files.parts import Box, lay_out
 from farhorizon.files.region_numbers import FIELD
 
 FORMAT = "farhorizon results"
 RESULTS_VERSION = 2
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for other things.
 RESERVED = frozenset(
-    {
-        "time",
-        "step",
-        FIELD,
-        "x",
-        "y",
-        "z",
-        "energy",
-        "history_time",
-        "probe",
-        "probe_time",
-        "probe_x",
-        "probe_y",
-        "probe_z",
-        "probe_values",
-        "probes",
-    }
-    | {"balance", "account", "component"}
+    f"time step {FIELD} x y z energy history_time probe probe_time probe_x probe_y probe_z probe_values probes balance "
+    "account component".split()
 )
-_CHUNK_BYTES = 2**26
-
-
-def check_format(file: Any, path: Path) -> Any:
-    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or of
-    another version.
-    """
-    refuse_other_files(file, path)
-    if "farhorizon" not in file or word_in(file["farhorizon"].attrs, "format") != FORMAT or "VTKHDF" not in file:
-        raise FileFormatError(
-            f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run"
-        )
-    group = file["farhorizon"]
-    check_version(path, int(group.attrs["version"]), RESULTS_VERSION, "run the case again")
-    return group
+_CHUNK_BYTES = 2**26  # large enough that a chunk costs little beside its data, small enough to be held several times
 
 
 class Caution(NamedTuple):
@@ -87,49 +60,164 @@ class Caution(NamedTuple):
     text: str
 
 
-class Counts(NamedTuple):
-    """Numbers of valid outputs, history rows and probe records."""
+class Layout(NamedTuple):
+    """Lattice and fields of a results file.
 
-    outputs: int
-    rows: int
-    records: int
-
-
-def counts_of(file: Any, path: Path) -> Counts:
-    """Return the numbers of valid outputs, history rows and records: the counted ones, as far as all datasets hold
-    them.
-
-    Some datasets may lack the last output, or its history rows and records, because other programs that write such
-    files are killed, too.
+    Attributes
+    ----------
+    shape, lower, spacing
+        Nodes along x[, y[, z]], coordinates of the first node, distance of neighbouring ones.
+    components : dict of str to int
+        Of each field.
+    probes : ndarray, shape (n, dim)
+    probe_components : int
+        Of the values at the probes.
+    accounts : tuple of str
+        Entries of the balance.
+    boxes : ndarray of int, shape (parts, dim, 2)
+        Boxes of the parts that store the fields; empty if the file itself stores them.
     """
-    group, vtk = file["farhorizon"], file["VTKHDF"]
 
-    def held(counted: int, least: int, datasets: Sequence[Any]) -> int:
-        shortest = min(datasets, key=len)
-        if not least <= min(counted, len(shortest)):
-            raise FileFormatError(
-                f"{path} is damaged: {shortest.name} is too short",
-                value=len(shortest),
-                limit=least,
-                remedy="compute it again",
-            )
-        return min(counted, len(shortest))
+    shape: tuple[int, ...]
+    lower: tuple[float, ...]
+    spacing: float
+    components: dict[str, int]
+    probes: np.ndarray
+    probe_components: int
+    accounts: tuple[str, ...]
+    boxes: np.ndarray
 
-    outputs = int(group.attrs["outputs"])
-    fields = () if "parts" in group else fields_in(file)  # each part has its own
-    per_output = vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *fields
-    outputs = held(outputs, max(outputs - 1, 0), per_output)
-    rows, records = (
-        held(
-            int(group[name].attrs["rows"]), int(group[noted][outputs - 1]) if outputs else 0, list(group[name].values())
+    @classmethod
+    def of(cls, file: Any, path: Path) -> Layout:
+        """Layout of an open file of ours; fields have one component if it does not say, and probes those of the first
+        field.
+        """
+        group = checked_group(file, path)
+        names = words_in(group, "fields")
+        widths = np.broadcast_to(group.attrs.get("components", 1), len(names))
+        components = dict(zip(names, map(int, widths), strict=True))
+        return cls(
+            tuple(int(n) for n in group.attrs["shape"]),
+            tuple(float(v) for v in group.attrs["lower"]),
+            float(group.attrs["spacing"]),
+            components,
+            read_rows(group, path, "probes"),
+            int(group.attrs.get("probe_components", components[names[0]])),
+            words_in(group, "accounts"),
+            read_rows(group, path, "parts") if "parts" in group else np.zeros((0, 0, 2), np.int64),
         )
-        for name, noted in (("history", "history_rows"), ("records", "record_rows"))
-    )
-    return Counts(outputs, rows, records)
+
+    @property
+    def probe_shape(self) -> tuple[int, ...]:
+        """Shape of the values at the probes at one time."""
+        return (len(self.probes), *((self.probe_components,) if self.probe_components > 1 else ()))
+
+    def stored_shape(self, field: str) -> tuple[int, ...]:
+        """Shape of one stored output of a field."""
+        return vtk_shape(self.shape, self.components[field])
+
+    def make(self, file: Any, dtype: np.dtype, compress: bool) -> Any:
+        """Create what VTK reads and all tables, without rows; returns the group of what VTK does not know."""
+        vtk, group = file.create_group("VTKHDF"), file.create_group("farhorizon")
+        padded, origin = (*self.shape, 1, 1)[:3], (*self.lower, 0.0, 0.0)[:3]
+        vtk.attrs["Version"] = np.array([2, 0])
+        vtk.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", len("ImageData")))
+        vtk.attrs["WholeExtent"] = np.array([end for n in padded for end in (0, n - 1)])
+        vtk.attrs["Origin"] = np.array(origin)
+        vtk.attrs["Spacing"] = np.full(3, self.spacing)
+        vtk.attrs["Direction"] = np.eye(3).ravel()
+        steps, data = vtk.create_group("Steps"), vtk.create_group("PointData")
+        steps.attrs["NSteps"] = 0
+        grow(steps, "Values", "f8")
+        offsets = steps.create_group("PointDataOffsets")
+        for name, components in self.components.items():
+            if len(self.boxes):
+                data.create_dataset(name, (0, *self.stored_shape(name)), dtype)
+            else:
+                make_field(data, name, self.stored_shape(name), dtype, compress)
+            grow(offsets, name, "i8")
+            attribute = "Scalars" if components == 1 else "Vectors"
+            if attribute not in data.attrs:
+                put_word(data.attrs, attribute, name)
+        put_word(group.attrs, "format", FORMAT)
+        attributes = {
+            "version": RESULTS_VERSION,
+            "finished": False,
+            "dim": len(self.shape),
+            "shape": self.shape,
+            "spacing": self.spacing,
+            "lower": self.lower,
+            "components": list(self.components.values()),
+            "probe_components": self.probe_components,
+            "outputs": 0,
+        }
+        for name, value in attributes.items():
+            group.attrs[name] = value
+        if len(self.boxes):
+            put_fixed(group, "parts", self.boxes)
+        put_words(group, "fields", tuple(self.components))
+        put_fixed(group, "probes", self.probes)
+        for name in ("steps", "history_rows", "record_rows"):
+            grow(group, name, "i8")
+        history, records = group.create_group("history"), group.create_group("records")
+        history.attrs["rows"] = records.attrs["rows"] = 0
+        for table, name in ((history, "times"), (history, "energy"), (records, "times")):
+            grow(table, name, "f8")
+        if count := len(self.probes):
+            chunk = (CHUNK_ROWS, min(count, 64), *self.probe_shape[1:])
+            grow(records, "values", "f8", self.probe_shape, chunk)
+        if self.accounts:
+            put_words(group, "accounts", self.accounts)
+            grow(history, "balance", "f8", (len(self.accounts),))
+        return group
 
 
-def set_outputs(file: Any, path: Path, outputs: int) -> None:
-    """Make the first `outputs` outputs the valid ones; in a file in parts, also those that are shown.
+def checked_group(file: Any, path: Path) -> Any:
+    """The group ``/farhorizon``; FileFormatError if the file is another program's or of another version."""
+    refuse_other_files(file, path)
+    if "farhorizon" not in file or word_in(file["farhorizon"].attrs, "format") != FORMAT or "VTKHDF" not in file:
+        raise FileFormatError(
+            f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run"
+        )
+    group = file["farhorizon"]
+    check_version(path, int(group.attrs["version"]), RESULTS_VERSION, "run the case again")
+    return group
+
+
+def table_names(file: Any) -> list[str]:
+    """Names of the tables of a file."""
+    return ["outputs", "history", "records", *(f"recorded/{name}" for name in file["farhorizon"].get("recorded", {}))]
+
+
+def table_in(file: Any, name: str) -> Table:
+    """A table of a file: its "outputs" with their fields (which in a file in parts each part has), the "history" of
+    energy and balance, the "records" of the probes, those of a recorder under "recorded/NAME".
+
+    The outputs have the numbers of rows of history and records that existed when they were appended.
+    """
+    vtk, group = file["VTKHDF"], file["farhorizon"]
+    if name != "outputs":
+        records = group[name]
+        return Table({"times": records["times"], **records.get("data", records)}, records.attrs)
+    fields = {} if "parts" in group else {name: data for name, data in vtk["PointData"].items() if name != FIELD}
+    offsets = {f"offsets/{name}": data for name, data in vtk["Steps/PointDataOffsets"].items()}
+    columns = {name: group[name] for name in ("steps", "history_rows", "record_rows")}
+    return Table({"times": vtk["Steps/Values"], **columns, **offsets, **fields}, group.attrs, "outputs")
+
+
+def counts_of(file: Any, path: Path) -> dict[str, int]:
+    """Numbers of valid "outputs", rows of the "history" and "records" of the probes: the counted ones as far as the
+    tables hold them; the last output, and what belongs to it, may be missing.
+    """
+    table = table_in(file, "outputs")
+    counts = {"outputs": (outputs := table.held(path, max(table.counted - 1, 0)))}
+    for name, noted in (("history", "history_rows"), ("records", "record_rows")):
+        counts[name] = table_in(file, name).held(path, int(table.columns[noted][outputs - 1]) if outputs else 0)
+    return counts
+
+
+def list_outputs(file: Any, layout: Layout, path: Path, outputs: int) -> None:
+    """Make VTK show the first outputs; in a file in parts, those of its parts.
 
     A single output is listed twice among VTK's steps, because vtkHDFReader takes a file with one step for a file
     without time, and fails.
@@ -140,25 +228,9 @@ def set_outputs(file: Any, path: Path, outputs: int) -> None:
         if outputs == 1:
             dataset[1] = dataset[0]
     steps.attrs.modify("NSteps", listed)
-    file["farhorizon"].attrs.modify("outputs", outputs)
-    if (boxes := boxes_in(file["farhorizon"], path)).size:
-        for name, components in components_in(file["farhorizon"]).items():
-            lay_out(file["VTKHDF/PointData"], name, path, boxes, outputs, components > 1)
-
-
-def fields_in(file: Any) -> list[Any]:
-    """The datasets of the fields, which grow by a row per output; that of the regions does not."""
-    return [dataset for name, dataset in file["VTKHDF/PointData"].items() if name != FIELD]
-
-
-def boxes_in(group: Any, path: Path) -> np.ndarray:
-    """Boxes of the parts of a results file, shape (parts, dim, 2); empty if it has no parts."""
-    return read_rows(group, path, "parts") if "parts" in group else np.zeros((0, 0, 2), np.int64)
-
-
-def put_boxes(group: Any, boxes: Sequence[Box]) -> None:
-    """Store the boxes of the parts."""
-    put_fixed(group, "parts", np.array(boxes, np.int64))
+    if len(layout.boxes):
+        for name, components in layout.components.items():
+            lay_out(file["VTKHDF/PointData"], name, path, layout.boxes, outputs, components > 1)
 
 
 def vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
@@ -170,6 +242,12 @@ def vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
     return shape[::-1] + ((3,) if components > 1 else ())
 
 
+def make_field(data: Any, name: str, stored: tuple[int, ...], dtype: np.dtype, compress: bool) -> Any:
+    """Create an empty dataset for a field whose outputs have the shape `stored`."""
+    packed = {"compression": "gzip", "shuffle": True} if compress else {}
+    return grow(data, name, dtype, stored, chunk_of(stored, dtype.itemsize), packed)
+
+
 def chunk_of(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     """Chunk for one output, halved along its slowest axes until it has at most 64 MiB."""
     chunk = [1, *shape]
@@ -179,42 +257,6 @@ def chunk_of(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     return tuple(chunk)
 
 
-def components_in(group: Any) -> dict[str, int]:
-    """Number of components of each field of a results file; 1 if the file does not say."""
-    names = words_in(group, "fields")
-    return dict(
-        zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True)
-    )
-
-
-def probe_components_in(group: Any) -> int:
-    """Number of components of the values at the probes; that of the first field if the file does not say."""
-    return int(group.attrs.get("probe_components", next(iter(components_in(group).values()))))
-
-
-def make_field(data: Any, name: str, stored: tuple[int, ...], dtype: np.dtype, compress: bool) -> Any:
-    """Create an empty dataset for a field whose outputs have the shape `stored`."""
-    packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if compress else {}
-    return grow(data, name, dtype, stored, chunk_of(stored, dtype.itemsize), packed)
-
-
-def make_room(path: Path, parts: int) -> None:
-    """Create the folder for the parts of a new results file, and remove surplus parts of the one that it replaces;
-    without parts, the folder is removed if it is empty.
-    """
-    if parts:
-        folder_of(path).mkdir(exist_ok=True)
-    for one in parts_of(path):
-        if int(one.stem) >= parts:
-            one.unlink()
-    if not parts and folder_of(path).is_dir() and not any(folder_of(path).iterdir()):
-        folder_of(path).rmdir()
-
-
-def copied_data(source: Any, file: Any) -> Any:
-    """Copy the group of point data of another file without its fields."""
-    made = file.create_group(source.name)
-    copy_attributes(source, made)
-    if FIELD in source:
-        source.copy(FIELD, made)
-    return made
+def stored_boxes(boxes: Sequence[Box]) -> np.ndarray:
+    """Boxes of parts as a layout has them."""
+    return np.array(boxes, np.int64) if len(boxes) else np.zeros((0, 0, 2), np.int64)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,50 +19,44 @@ from farhorizon.files.hdf5 import (
     hdf5_file,
     opened,
     put_fixed,
-    put_rows,
     put_word,
     put_words,
     read_indices,
-    words_in,
 )
-from farhorizon.files.new_results import make_columns, make_own, make_vtk, planned, put_outlines, put_regions
-from farhorizon.files.parts import Box, parts_of
-from farhorizon.files.polylines import Lines
+from farhorizon.files.parts import Box, make_room, parts_of
+from farhorizon.files.polylines import Lines, put_lines
 from farhorizon.files.records import Recorded
 from farhorizon.files.region_numbers import FIELD, Regions
 from farhorizon.files.results_layout import (
     RESERVED,
     Caution,
-    Counts,
-    check_format,
-    components_in,
+    Layout,
+    checked_group,
+    chunk_of,
     counts_of,
-    fields_in,
-    make_room,
-    probe_components_in,
-    set_outputs,
+    list_outputs,
+    stored_boxes,
+    table_in,
+    table_names,
+    vtk_shape,
 )
 from farhorizon.files.storage import created
 
 
 def check_replaceable(path: Path) -> None:
-    """Refuse a path for new results if anything other than a results file of ours exists there.
-
-    Raises
-    ------
-    InputError
-        There is another file, or one that may not be written, also among the parts; or there is no such folder.
+    """Refuse a path for new results if anything other than a results file of ours exists there or among its parts, or
+    one that may not be written, or if there is no such folder.
     """
     directory_of(path)
-    for one in parts_of(path):
-        check_replaceable(one)
+    for part in parts_of(path):
+        check_replaceable(part)
     if not path.exists():
         return
     if not os.access(path, os.W_OK):
         raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path")
     try:
         with opened(path, "r", "results file") as file:
-            check_format(file, path)
+            checked_group(file, path)
     except FileFormatError as error:
         remedy = "move or delete it, or choose another path"
         raise InputError(
@@ -70,53 +65,35 @@ def check_replaceable(path: Path) -> None:
 
 
 class ResultsWriter:
-    """Appends outputs to a results file; the file is closed between the calls.
+    """Appends outputs to a results file, by `create` or `resume`.
 
-    Use `create` or `resume`. Every call opens the file, appends and closes it; a killed process leaves a file with or
-    without what was appended.
-
-    Parameters
-    ----------
-    path : str or Path
-        An existing results file.
+    Every call opens the file, appends and closes it; a killed process leaves a file with or without what was appended.
 
     Attributes
     ----------
     path : Path
     outputs, rows, records : int
         Numbers of valid outputs, history rows and probe records so far; checkpoints store them for `resume`.
-    fields : tuple of str
-    shape : tuple of int
-        Lattice shape (nx[, ny[, nz]]).
-    components : dict of str to int
-        Number of components of each field.
     recorded : dict of str to int
         Number of valid rows of each recorder.
+    fields, components, shape, accounts
+        Names of the fields with their numbers of components, nodes along the axes, entries of the balance.
     whole : bool
         Whether the fields are in the file itself, not in parts.
     last_step : int or None
         Step number of the last output; None if there is none.
-
-    Raises
-    ------
-    FileFormatError
-        The file is truncated, damaged or not ours.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with opened(self.path, "r", "results file") as file:
-            group = check_format(file, self.path)
-            self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
-            self.fields: tuple[str, ...] = words_in(group, "fields")
-            self.outputs, self.rows, self.records = counts_of(file, self.path)
-            self.components = components_in(group)
-            width = probe_components_in(group)
-            self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
-            self.accounts = words_in(group, "accounts")
-            self.last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
-            self.recorded = {name: int(one.attrs["rows"]) for name, one in group.get("recorded", {}).items()}
-            self.whole = "parts" not in group
+            self._layout = layout = Layout.of(file, self.path)
+            self.outputs, self.rows, self.records = counts_of(file, self.path).values()
+            self.last_step = int(file["farhorizon/steps"][self.outputs - 1]) if self.outputs else None
+            recorders = [name for name in table_names(file) if "/" in name]
+            self.recorded = {name.removeprefix("recorded/"): table_in(file, name).counted for name in recorders}
+        self.shape, self.components, self.accounts = layout.shape, layout.components, layout.accounts
+        self.fields, self.whole = tuple(layout.components), not len(layout.boxes)
 
     @classmethod
     def create(
@@ -145,62 +122,51 @@ class ResultsWriter:
 
         Parameters
         ----------
-        path : str or Path
-        shape : sequence of int, length dim
-            Nodes along x[, y[, z]]: one, two or three numbers.
-        spacing : float
-            Distance of neighbouring nodes, the same along every axis.
-        lower : sequence of float, length dim
-            Coordinates of the first node.
-        fields : tuple of str
-            Names of the fields; `append` requires all of them.
-        dtype : dtype
-            Type of the stored fields, float32 or float64.
+        path, shape, spacing, lower, fields, accounts
+            As in `Layout`.
+        dtype : {"float32", "float64"}
+            Type of the stored fields.
         probes : ndarray, shape (n, dim), optional
-            Positions of the probes.
-        accounts : sequence of str
-            Names of the entries of a balance, which each balance passed to `append` must have.
-        case : str
-            Text of the case file.
-        program : str
-            Name and version of the program.
+        case, program : str
+            Text of the case file; name and version of the program.
         components : int or mapping of str to int
-            1, or dim for vector fields. VTK's vectors have three components; missing ones are stored as zeros. Probes
-            show the field u if it is among the keys, whether written or not, otherwise the first field.
-        units : mapping of str to str, optional
-            Units of "length", "time" and fields, as far as they are known.
-        provenance : mapping of str to str, optional
-            What produced the file: command, machine, versions.
+            1, or dim for vector fields. Probes show the field u if it is among the keys, whether written or not,
+            otherwise the first field.
+        units, provenance : mapping of str to str, optional
+            Units of "length", "time" and fields; what produced the file: command, machine, versions.
         compress : bool
             Compress the fields, without loss.
-        outlines : mapping of str to sequence of ndarray, each of shape (n, dim), optional
-            Polylines by what they show: "cracks", "near field", "layers".
-        regions : Regions, optional
-            Materials of the nodes; None if one medium fills the lattice.
+        outlines, regions
+            Polylines by what they show, and materials of the nodes; None if one medium fills the lattice.
         boxes : sequence of Box
-            Boxes of the parts, whose files (`farhorizon.files.parts.part_path`) are created and appended to separately;
-            a folder for them is created.
-
-        Returns
-        -------
-        ResultsWriter
-
-        Raises
-        ------
-        InputError
-            An argument is wrong, or `path` is another file or one that may not be written.
+            Boxes of the parts, whose files are created and appended to separately; a folder for them is created.
         """
         path = Path(path)
         check_replaceable(path)
-        plan = planned(shape, lower, spacing, fields, dtype, probes, components, boxes)
-        tables = {"units": units, "provenance": provenance}
+        _check_fields(fields)
+        nodes = tuple(int(n) for n in shape)
+        widths = dict.fromkeys(fields, components) if isinstance(components, int) else dict(components)
+        if not {widths[name] for name in fields} <= {1, 2, 3}:
+            raise InputError("fields in results files have up to three components", value=components, limit="1 to 3")
+        layout = Layout(
+            nodes,
+            tuple(float(v) for v in lower),
+            float(spacing),
+            {name: widths[name] for name in fields},
+            np.zeros((0, len(nodes))) if probes is None else np.asarray(probes, float),
+            widths.get("u", widths[fields[0]]),
+            tuple(accounts),
+            stored_boxes(boxes),
+        )
+        words = {name: json.dumps(dict(table or {})) for name, table in (("units", units), ("provenance", provenance))}
         with created(path) as draft, hdf5_file(draft, "w") as file:
-            make_vtk(file, plan, compress)
-            group = make_own(file, plan, case, {"program": program}, tables)
-            put_outlines(group, outlines or {})
+            group = layout.make(file, np.dtype(dtype), compress)
+            for name, word in {"program": program, "cautions": "[]", **words}.items():
+                put_word(group.attrs, name, word)
+            put_words(group, "case", [case])
+            put_lines(group, "outlines", outlines or {})
             if regions is not None:
-                put_regions(file["VTKHDF"], group, regions, plan.shape)
-            make_columns(group, plan, accounts)
+                _put_regions(file["VTKHDF"], group, regions, nodes)
         make_room(path, len(boxes))
         return cls(path)
 
@@ -213,29 +179,10 @@ class ResultsWriter:
         records: int | None = None,
         recorded: Mapping[str, int] | None = None,
     ) -> ResultsWriter:
-        """Resume a results file after its first `outputs` outputs; later outputs, history rows and records are cut off.
+        """Resume a results file after its first outputs; what was appended later is cut off.
 
-        Parameters
-        ----------
-        path : str or Path
-        outputs : int
-            Number of outputs to keep, as stored in the checkpoint.
-        rows, records : int, optional
-            Numbers of history rows and probe records to keep; by default those that existed when the last kept output
-            was appended.
-        recorded : mapping of str to int, optional
-            Number of rows of each recorder to keep; by default those up to the last kept output.
-
-        Returns
-        -------
-        ResultsWriter
-
-        Raises
-        ------
-        InputError
-            A count is negative.
-        FileFormatError
-            The file is truncated, damaged, not ours, or has fewer outputs or rows than requested.
+        A checkpoint says how many history rows, probe records and rows of each recorder are kept; unless given, those
+        that existed when the last kept output was appended. A file that holds fewer is refused.
         """
         path = Path(path)
         if min(outputs, rows or 0, records or 0) < 0:
@@ -246,14 +193,36 @@ class ResultsWriter:
             )
         # HDF5 crashes if an index that it modifies is damaged
         with opened(path, "r", "results file") as file:
-            read_indices(check_format(file, path).parent)
+            read_indices(checked_group(file, path).parent)
         with opened(path, "r+", "results file") as file:
-            check_format(file, path)
-            kept = _kept(file, path, outputs, rows, records)
-            _cut_recorded(file, path, outputs, recorded or {})
-            set_outputs(file, path, outputs)
-            _cut(file, kept)
+            layout, tables = Layout.of(file, path), {name: table_in(file, name) for name in table_names(file)}
+            held, columns = counts_of(file, path), tables["outputs"].columns
+            _check_held(path, "outputs", held["outputs"], outputs)
+            kept = {"outputs": outputs}
+            for name, given, noted, what in (
+                ("history", rows, "history_rows", "history rows"),
+                ("records", records, "record_rows", "records"),
+            ):
+                last = int(columns[noted][outputs - 1]) if outputs else 0
+                kept[name] = last if given is None else given
+                _check_held(path, what, held[name], kept[name])
+            end = float(columns["times"][outputs - 1]) if outputs else -np.inf
+            for name in tables.keys() - kept.keys():
+                recorder, count = name.removeprefix("recorded/"), tables[name].counted
+                last = int(np.searchsorted(tables[name].columns["times"][:count], end, side="right"))
+                kept[name] = (recorded or {}).get(recorder, last)
+                _check_held(path, f"rows of {recorder}", count, kept[name])
+            for name, table in tables.items():
+                table.cut(kept[name])
+            list_outputs(file, layout, path, outputs)
+            file["farhorizon"].attrs["finished"] = False
         return cls(path)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The file, to be changed."""
+        with opened(self.path, "r+", "results file") as file:
+            yield file
 
     def append(
         self,
@@ -264,104 +233,70 @@ class ResultsWriter:
         balance: Mapping[str, float] | None = None,
         cautions: Sequence[Caution] = (),
     ) -> None:
-        """Append one output.
+        """Append one output and, with an energy or a balance, a row of the history.
 
-        With an energy or a balance, a history row is appended too.
-
-        Parameters
-        ----------
-        step : int
-            Step number, larger than that of the previous output.
-        time : float
-        fields : mapping of str to ndarray, each of the lattice shape, of vectors with the components first
-            Every field that the file was created with, or none if it is in parts; nan (outside a window) stays nan.
-        energy : float, optional
-        balance : mapping of str to float, optional
-            Every entry that the file was created with; others are ignored.
-        cautions : sequence of Caution
-            All cautions so far.
-
-        Raises
-        ------
-        InputError
-            A field is missing, unknown or of the wrong shape, or the step number is not larger.
-        FileFormatError
-            The file has been damaged since the last call.
+        It has every field of the file (none if it is in parts), of the lattice shape, of vectors with the components
+        first; nan (outside a window) stays nan. A balance has every entry of the file; others are ignored. The cautions
+        are all so far.
         """
         self._check(step, fields)
-        history = None
-        if energy is not None or balance is not None:
-            entries = [np.nan if balance is None else balance[name] for name in self.accounts]
-            history = {"times": [time], "energy": [np.nan if energy is None else energy], "balance": [entries]}
-        n, rows = self.outputs, self.rows + (0 if history is None else 1)
-        with opened(self.path, "r+", "results file") as file:
-            if history is not None:
-                for name, dataset in file["farhorizon/history"].items():
-                    put_rows(dataset, self.rows, history[name])
-                file["farhorizon/history"].attrs.modify("rows", rows)
-            vtk, group = file["VTKHDF"], file["farhorizon"]
-            self._put_fields(vtk, fields)
-            put_rows(vtk["Steps/Values"], n, [time])
-            put_rows(group["steps"], n, [step])
-            put_rows(group["history_rows"], n, [rows])
-            put_rows(group["record_rows"], n, [self.records])
-            put_word(group.attrs, "cautions", json.dumps(list(cautions)))
-            set_outputs(file, self.path, n + 1)
+        n, rows = self.outputs, self.rows
+        with self._opened() as file:
+            if energy is not None or balance is not None:
+                entries = [np.nan if balance is None else balance[name] for name in self.accounts]
+                energies = [np.nan if energy is None else energy]
+                rows = table_in(file, "history").put(rows, {"times": [time], "energy": energies, "balance": [entries]})
+            noted = {"times": [time], "steps": [step], "history_rows": [rows], "record_rows": [self.records]}
+            offsets = {f"offsets/{name}": [0 if name == FIELD else n] for name in (*self.fields, FIELD)}
+            table = table_in(file, "outputs")
+            stored = {name: self._stored(name, values, table.columns[name].dtype) for name, values in fields.items()}
+            table.put(n, {**noted, **offsets, **stored})
+            put_word(file["farhorizon"].attrs, "cautions", json.dumps(list(cautions)))
+            list_outputs(file, self._layout, self.path, n + 1)
         self.outputs, self.rows, self.last_step = n + 1, rows, int(step)
 
     def _check(self, step: int, fields: Mapping[str, np.ndarray]) -> None:
         """Refuse an output that is incomplete, or not later than the last one."""
-        held = self.fields if self.whole else ()
-        if set(fields) != set(held):
+        expected = self.fields if self.whole else ()
+        if set(fields) != set(expected):
             raise InputError(
                 f"{self.path}: an output has every field of the file, no other",
                 value=sorted(fields),
-                limit=sorted(held),
+                limit=sorted(expected),
             )
         for name, values in fields.items():
-            wanted = self.shape if self.components[name] == 1 else (self.components[name], *self.shape)
-            if np.shape(values) != wanted:
+            shape = self.shape if self.components[name] == 1 else (self.components[name], *self.shape)
+            if np.shape(values) != shape:
                 raise InputError(
-                    f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted
+                    f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=shape
                 )
         if self.last_step is not None and step <= self.last_step:
-            remedy = "append each step once; ResultsWriter.resume goes back"
             raise InputError(
                 f"{self.path}: step numbers grow from output to output",
                 value=step,
                 limit=f"> {self.last_step}",
-                remedy=remedy,
+                remedy="append each step once; ResultsWriter.resume goes back",
             )
 
-    def _put_fields(self, vtk: Any, fields: Mapping[str, np.ndarray]) -> None:
-        """Write the fields of the next output in VTK's order, and their offsets."""
-        for name in self.fields if self.whole else ():
-            dataset = vtk["PointData"][name]
-            values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
-            if self.components[name] > 1:
-                values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components[name])])
-            put_rows(dataset, self.outputs, values.reshape(1, *dataset.shape[1:]))
-        for name, offsets in vtk["Steps/PointDataOffsets"].items():
-            put_rows(offsets, self.outputs, [0 if name == FIELD else self.outputs])
+    def _stored(self, name: str, values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+        """A field as one row in VTK's order, vectors with three components."""
+        stored = np.asarray(values).T.astype(dtype, order="C", copy=False)
+        if self.components[name] > 1:
+            stored = np.pad(stored, [(0, 0)] * len(self.shape) + [(0, 3 - self.components[name])])
+        return stored.reshape(1, *self._layout.stored_shape(name))
 
     def finish(self) -> None:
         """Record that the run has reached its end; `resume` revokes this."""
-        with opened(self.path, "r+", "results file") as file:
+        with self._opened() as file:
             file["farhorizon"].attrs["finished"] = True
 
     def hold(self, records: Recorded) -> None:
-        """Create empty datasets for the records of a recorder, with the quantities and shapes of `records`.
-
-        Raises
-        ------
-        InputError
-            The name is in use, or would collide with a name in xarray.
-        """
+        """Create empty datasets for the records of a recorder, with the quantities and shapes of `records`."""
         if records.name in self.recorded or records.name in (*RESERVED, *self.fields):
             raise InputError(
                 "the results have something else of this name", value=records.name, key="name", remedy="another name"
             )
-        with opened(self.path, "r+", "results file") as file:
+        with self._opened() as file:
             group = file["farhorizon"].require_group("recorded").create_group(records.name)
             group.attrs["rows"], group.attrs["directions"] = 0, records.directions
             group.attrs["medium"] = records.medium
@@ -370,11 +305,11 @@ class ResultsWriter:
                 put_words(group, "labels", records.labels)
             put_fixed(group, "frequencies", np.asarray(records.frequencies, float))
             grow(group, "times", "f8")
-            rows, spectra = (group.create_group(one, track_order=True) for one in ("data", "spectra"))
+            data, spectra = (group.create_group(name, track_order=True) for name in ("data", "spectra"))
             for name, values in records.data.items():
                 width = values.shape[1:]
-                chunk = (max(1, CHUNK_ROWS // max(1, int(np.prod(width)) // 64)), *width)
-                grow(rows, name, "f8", width, chunk)
+                # chunks of about 64 x 512 numbers, as those of the probes
+                grow(data, name, "f8", width, (max(1, CHUNK_ROWS // max(1, int(np.prod(width)) // 64)), *width))
             for name, values in records.spectra.items():
                 real = np.isrealobj(values)
                 put_fixed(spectra, name, np.zeros(values.shape if real else (2, *values.shape)))
@@ -382,115 +317,65 @@ class ResultsWriter:
         self.recorded[records.name] = 0
 
     def conclude(self, records: Recorded) -> None:
-        """Store what follows from all records, replacing what followed from an earlier end of the run.
-
-        Raises
-        ------
-        InputError
-            As for `hold`.
-        """
+        """Store what follows from all records, replacing what followed from an earlier end of the run."""
         if self.recorded.pop(records.name, None) is not None:
-            with opened(self.path, "r+", "results file") as file:
+            with self._opened() as file:
                 del file["farhorizon/recorded"][records.name]
         self.hold(records)
         self.append_recorded(records)
 
     def append_recorded(self, records: Recorded) -> None:
-        """Append the rows of `records`, and replace the stored spectra by those of `records`.
-
-        Raises
-        ------
-        FileFormatError
-            The file has been damaged since the last call.
-        """
-        with opened(self.path, "r+", "results file") as file:
-            group, first = file["farhorizon/recorded"][records.name], self.recorded[records.name]
+        """Append the rows of a recorder, and replace its stored spectra."""
+        count, place = self.recorded[records.name], f"recorded/{records.name}"
+        with self._opened() as file:
             if len(records.times):
-                put_rows(group["times"], first, records.times)
-                for name, values in records.data.items():
-                    put_rows(group["data"][name], first, values)
-                group.attrs.modify("rows", first + len(records.times))
+                count = table_in(file, place).put(count, {"times": records.times, **records.data})
             for name, values in records.spectra.items():
-                group["spectra"][name][...] = values if np.isrealobj(values) else [values.real, values.imag]
-        self.recorded[records.name] = first + len(records.times)
+                stored = file["farhorizon"][place]["spectra"][name]
+                stored[...] = values if np.isrealobj(values) else [values.real, values.imag]
+        self.recorded[records.name] = count
 
     def append_probes(self, times: np.ndarray, values: np.ndarray) -> None:
-        """Append records of the probes, which have times of their own.
-
-        Parameters
-        ----------
-        times : ndarray, shape (n,)
-        values : ndarray, shape (n, n probes[, components])
-
-        Raises
-        ------
-        InputError
-            The shapes do not match.
-        FileFormatError
-            The file has been damaged since the last call.
-        """
-        times, values = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
-        if times.ndim != 1 or values.shape != (times.size, *self._probes):
+        """Append records of the probes, of shapes (n,) and (n, n probes[, components])."""
+        times, values, shape = np.asarray(times, float), np.asarray(values, float), self._layout.probe_shape
+        if times.ndim != 1 or values.shape != (times.size, *shape):
             raise InputError(
                 f"{self.path}: times and values of the probes do not match",
                 value=f"{times.shape}, {values.shape}",
-                limit=f"(n,), (n, {str(self._probes)[1:-1]})",
+                limit=f"(n,), (n, {str(shape)[1:-1]})",
             )
-        if times.size == 0:
+        if not times.size:
             return
-        with opened(self.path, "r+", "results file") as file:
-            records = file["farhorizon/records"]
-            put_rows(records["times"], self.records, times)
-            put_rows(records["values"], self.records, values)
-            records.attrs.modify("rows", self.records + times.size)
-        self.records += times.size
+        with self._opened() as file:
+            count = table_in(file, "records").put(self.records, {"times": times, "values": values})
+        self.records = count
 
 
-def _kept(file: Any, path: Path, outputs: int, rows: int | None, records: int | None) -> Counts:
-    """What is kept of a file that is resumed: as many rows and records as requested, or as at its last kept output."""
-    group, held = file["farhorizon"], counts_of(file, path)
-    _check_held(path, "outputs", held.outputs, outputs)
-    kept_rows, kept_records = (
-        wanted if wanted is not None else int(group[noted][outputs - 1]) if outputs else 0
-        for wanted, noted in ((rows, "history_rows"), (records, "record_rows"))
-    )
-    _check_held(path, "history rows", held.rows, kept_rows)
-    _check_held(path, "records", held.records, kept_records)
-    return Counts(outputs, kept_rows, kept_records)
+def _check_fields(fields: tuple[str, ...]) -> None:
+    for name in fields:
+        if not name or name in RESERVED or "/" in name or name.startswith("."):
+            remedy = f"use a name without '/', not beginning with '.', and none of {', '.join(sorted(RESERVED))}"
+            raise InputError("this name cannot be used for a field in a results file", value=repr(name), remedy=remedy)
+    if not fields or len(set(fields)) != len(fields):
+        remedy = "name one or more, each once"
+        raise InputError("fields are one or more different names", value=fields, key="fields", remedy=remedy)
 
 
-def _check_held(path: Path, what: str, held: int, wanted: int) -> None:
-    if wanted > held:
+def _put_regions(vtk: Any, group: Any, regions: Regions, shape: tuple[int, ...]) -> None:
+    """Store the regions as point data of every output: as a single row, to which all outputs refer."""
+    stored = vtk_shape(shape, 1)
+    values = np.asarray(regions.numbers, np.int32).T.reshape(1, *stored)
+    options = {"chunks": chunk_of(stored, 4), "fletcher32": True, "compression": "gzip", "shuffle": True}
+    vtk["PointData"].create_dataset(FIELD, data=values, **options)
+    grow(vtk["Steps/PointDataOffsets"], FIELD, "i8")
+    put_words(group, "regions", regions.names)
+
+
+def _check_held(path: Path, what: str, held: int, expected: int) -> None:
+    if expected > held:
         raise FileFormatError(
             f"{path} holds fewer {what} than the checkpoint counts",
             value=held,
-            limit=wanted,
+            limit=expected,
             remedy="use the results file that belongs to the checkpoint, or start the run anew",
         )
-
-
-def _cut(file: Any, kept: Counts) -> None:
-    """Cut off the rows beyond those that are kept; the run is no longer marked as finished."""
-    group = file["farhorizon"]
-    group["history"].attrs.modify("rows", kept.rows)
-    group["records"].attrs.modify("rows", kept.records)
-    group.attrs["finished"] = False
-    fields = () if "parts" in group else fields_in(file)
-    for dataset in (group["steps"], group["history_rows"], group["record_rows"], *fields):
-        dataset.resize(kept.outputs, axis=0)
-    for dataset in group["history"].values():
-        dataset.resize(kept.rows, axis=0)
-    for dataset in group["records"].values():
-        dataset.resize(kept.records, axis=0)
-
-
-def _cut_recorded(file: Any, path: Path, outputs: int, wanted: Mapping[str, int]) -> None:
-    """Cut off what recorders recorded after the last kept output, or beyond the requested rows."""
-    end = float(file["VTKHDF/Steps/Values"][outputs - 1]) if outputs else -np.inf
-    for name, group in file["farhorizon"].get("recorded", {}).items():
-        held = int(group.attrs["rows"])
-        rows = wanted.get(name, int(np.searchsorted(group["times"][:held], end, side="right")))
-        _check_held(path, f"rows of {name}", held, rows)
-        group.attrs.modify("rows", rows)
-        for dataset in (group["times"], *group["data"].values()):
-            dataset.resize(rows, axis=0)

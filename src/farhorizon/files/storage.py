@@ -36,25 +36,17 @@ _PIECE = struct.Struct("<QQ")  # sizes of the file before and after the change; 
 
 _PAUSE = 0.2  # seconds between two attempts to acquire a lock
 
-Change = tuple[int, bytes]
+Change = tuple[int, bytes]  # offset, and what is written there
 
 
 class Draft(io.RawIOBase):
     """A file with pending changes, as a file object to which HDF5 writes, see `h5py.File`.
 
-    Parameters
-    ----------
-    path : Path
-    writable : bool
-    changes : sequence of (offset, bytes)
-        Pieces of an interrupted change, which a reader is to see.
-    size : int, optional
-        Size of the file with these changes.
-
     Attributes
     ----------
     changes : list of (offset, bytes)
-        Pieces that replace content of the file, in the order in which they were written.
+        Pieces that replace content of the file, in the order in which they were written, or those of an interrupted
+        change, which a reader is to see.
     old_size, size : int
         Sizes of the file and of the draft.
     error : BaseException or None
@@ -172,11 +164,7 @@ def _temporary_of(path: Path) -> Path:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; at the end, the file of that name is forced to disk and replaces `path`.
-
-    Raises
-    ------
-    OSError
-        The disk is full or permission is missing; `path` is unchanged.
+    After an error `path` is unchanged.
     """
     temporary = _temporary_of(path)
     try:
@@ -191,13 +179,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def created(path: Path) -> Iterator[Draft]:
-    """Yield a draft of a new file, which replaces `path` at the end.
-
-    Raises
-    ------
-    OSError
-        The disk is full or permission is missing; `path` is unchanged.
-    """
+    """Yield a draft of a new file, which replaces `path` at the end; after an error `path` is unchanged."""
     if _journal_of(path).exists():
         with changing(path):  # a journal must not outlive the file that it belongs to
             pass
@@ -210,16 +192,10 @@ def created(path: Path) -> Iterator[Draft]:
 
 @contextmanager
 def changing(path: Path) -> Iterator[Draft]:
-    """Yield a draft of changes to an existing file; at the end all of them are in the file, or after an error none.
-
-    Raises
-    ------
-    OSError
-        The disk is full or permission is missing; the content of the file is unchanged.
-    """
-    found = _read_journal(path)
-    if found is not None:
-        _apply(path, *found)
+    """Yield a draft of changes to an existing file; at the end all of them are in the file, or after an error none."""
+    interrupted = _read_journal(path)
+    if interrupted is not None:
+        _apply(path, *interrupted)
     with suppress(FileNotFoundError):
         _journal_of(path).unlink()
     draft = Draft(path, True)
@@ -237,11 +213,11 @@ def changing(path: Path) -> Iterator[Draft]:
 @contextmanager
 def read(path: Path) -> Iterator[Draft | None]:
     """Yield a file as completed by its journal; None if there is no journal and the file can be read as it is."""
-    found = _read_journal(path)
-    if found is None:
+    interrupted = _read_journal(path)
+    if interrupted is None:
         yield None
         return
-    with _held(Draft(path, False, *found)) as draft:
+    with _held(Draft(path, False, *interrupted)) as draft:
         yield draft
 
 
@@ -316,28 +292,17 @@ def force_to_disk(path: Path) -> None:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove temporary files that stopped processes left beside a file; the caller must hold its lock, so that none is
-    in use.
-    """
-    left = re.compile(re.escape(f".{path.name}.") + r"[\d-]+\.tmp")
-    for other in path.parent.iterdir():
-        if left.fullmatch(other.name):
-            other.unlink(missing_ok=True)
+    """Remove temporary files that stopped processes left beside a file, whose lock must be held: none is in use."""
+    temporary = re.compile(re.escape(f".{path.name}.") + r"[\d-]+\.tmp")
+    for file in path.parent.iterdir():
+        if temporary.fullmatch(file.name):
+            file.unlink(missing_ok=True)
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock on a name while the block runs; it is released when the process ends, in whatever way.
-
-    Parameters
-    ----------
-    path : Path
-        A file that is created, locked and removed; it must not be used for anything else.
-
-    Raises
-    ------
-    InputError
-        Another process holds the lock.
+    """Hold a lock on a name while the block runs, by a file that is created, locked and removed; it is released when
+    the process ends, in whatever way. InputError if another process holds it.
     """
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -360,10 +325,10 @@ def locked(path: Path) -> Iterator[None]:
 @contextmanager
 def awaited(path: Path) -> Iterator[None]:
     """Hold a lock on a name, as `locked`, waiting until nobody else holds it."""
-    with ExitStack() as held:
+    with ExitStack() as lock:
         while True:
             with suppress(InputError):
-                held.enter_context(locked(path))
+                lock.enter_context(locked(path))
                 break
             time.sleep(_PAUSE)
         yield

@@ -27,39 +27,23 @@ _PLY_TYPES = {
 
 
 def read_triangles(path: Path) -> np.ndarray:
-    """The triangles of a surface; faces with more corners are divided into fans of triangles.
-
-    Parameters
-    ----------
-    path : Path
-        STL (text or binary), OBJ or PLY (text or binary), as the file name extension says.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3)
-        Corners of each triangle.
-
-    Raises
-    ------
-    InputError
-        An unknown extension, or a file that cannot be read.
-    FileFormatError
-        A file that is damaged or has content that is not understood.
+    """Corners of the triangles of a surface, shape (n, 3, 3), from STL, OBJ or PLY as the extension says; faces with
+    more corners are divided into fans of triangles.
     """
     readers = {".stl": _stl, ".obj": _obj, ".ply": _ply}
     if path.suffix.lower() not in readers:
         raise InputError("unknown kind of surface file", value=path.name, limit=", ".join(readers), key="mesh")
     with reading(path, "the surface", "mesh", "export it anew, as binary STL"):
-        found = readers[path.suffix.lower()](path.read_bytes())
-    if not len(found):
+        triangles = readers[path.suffix.lower()](path.read_bytes())
+    if not len(triangles):
         raise FileFormatError(f"{path} has no triangles")
-    return found
+    return triangles
 
 
 def _stl(content: bytes) -> np.ndarray:
     if len(content) >= _STL_HEAD:
         (count,) = struct.unpack_from("<I", content, _STL_HEAD - 4)
-        if len(content) == _STL_HEAD + 50 * count:
+        if len(content) == _STL_HEAD + 50 * count:  # bytes of a facet: twelve numbers, and an attribute
             facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
             return np.frombuffer(content, facet, count, _STL_HEAD)["corners"].astype(float)
     words = [line.split() for line in content.decode("ascii").splitlines()]
@@ -79,7 +63,7 @@ def _ply(content: bytes) -> np.ndarray:
     lines = [line.split() for line in head.decode("ascii").splitlines()]
     if lines[0] != ["ply"]:
         raise ValueError
-    (kind,) = (line[1] for line in lines if line[0] == "format")
+    (encoding,) = (line[1] for line in lines if line[0] == "format")
     counts = {line[1]: int(line[2]) for line in lines if line[0] == "element"}
     if list(counts)[:2] != ["vertex", "face"]:
         raise ValueError
@@ -89,11 +73,11 @@ def _ply(content: bytes) -> np.ndarray:
     if len(face) != 1 or face[0][0] != "list":
         raise ValueError
     at = [[name for _, name in vertex].index(axis) for axis in "xyz"]
-    if kind == "ascii":
+    if encoding == "ascii":
         rows = [line.split() for line in body.decode("ascii").splitlines() if line.strip()]
         points = np.array(rows[: counts["vertex"]], float)[:, at]
         return _fans(points, [list(map(int, row[1:])) for row in rows[counts["vertex"] :][: counts["face"]]])
-    order = {"binary_little_endian": "<", "binary_big_endian": ">"}[kind]
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}[encoding]
     stored = np.dtype([(name, order + _PLY_TYPES[of]) for of, name in vertex])
     records = np.frombuffer(body, stored, counts["vertex"])
     points = np.stack([records[axis] for axis in "xyz"], 1).astype(float)
@@ -108,7 +92,7 @@ def _ply(content: bytes) -> np.ndarray:
 
 def _fans(points: np.ndarray, faces: Sequence[Sequence[int]]) -> np.ndarray:
     corners = [(face[0], b, c) for face in faces for b, c in pairwise(face[1:])]
-    whole = np.array(corners, int).reshape(-1, 3)
-    if whole.size and whole.min() < 0:
+    triangles = np.array(corners, int).reshape(-1, 3)
+    if triangles.size and triangles.min() < 0:
         raise ValueError
-    return points[whole]
+    return points[triangles]

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -243,7 +244,7 @@ def alone(value: Any) -> list[Any]:
 
 
 def _driven(source_terms: Sequence[SourceTerm], shape: tuple[int, ...]) -> np.ndarray:
-    """Where the drives that vary in time, or the sum of those that do not, are not zero."""
+    """Where the source terms that vary in time, or the sum of those that do not, are not zero."""
     constant, active = np.zeros(shape), np.zeros(shape, bool)
     for space, time in source_terms:
         if space is None:
@@ -255,24 +256,26 @@ def _driven(source_terms: Sequence[SourceTerm], shape: tuple[int, ...]) -> np.nd
     return active | (constant != 0)
 
 
-def _set_surface(one: Flux | Convection, needed: str) -> None:
+def _set_surface(condition: Flux | Convection, needed: str) -> None:
     """Check where a flux or convection acts, and take the region as the place."""
-    if (one.where is None) == (one.region is None):
+    if (condition.where is None) == (condition.region is None):
         raise InputError(
             "give either a side or a region with a surface",
-            value=kinds.said(one.where),
+            value=kinds.said(condition.where),
             key="constraint.where",
             remedy='"x-", or region=Disc(...) of a hole or a body',
         )
-    if getattr(one, needed) is None:
+    if getattr(condition, needed) is None:
         raise InputError(f"the {needed} is missing", value="none", key=f"constraint.{needed}", limit="a number")
-    if one.region is not None:
-        kinds.set_fields(one, where=kinds.instance(one.region, "constraint.region", Shape, "a shape"), region=None)
-    assert one.where is not None
-    if isinstance(one.where, Shape):
-        _check_place(one.where, one.within, anywhere=True)
+    if condition.region is not None:
+        kinds.set_fields(
+            condition, where=kinds.instance(condition.region, "constraint.region", Shape, "a shape"), region=None
+        )
+    assert condition.where is not None
+    if isinstance(condition.where, Shape):
+        _check_place(condition.where, condition.within, anywhere=True)
     else:
-        _check_place(one.where, one.within)
+        _check_place(condition.where, condition.within)
 
 
 def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
@@ -307,37 +310,24 @@ def _check_value(value: Any, key: str) -> None:
 
 @dataclass
 class Conditions:
-    """Tables of all conditions of a body, or of those on the nodes of a part of it.
+    """Tables of all conditions of a body, or of those on the nodes of a part of it."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (H,)
-        Flat indices (of the lattice, or of its part) of the prescribed nodes, in the order in which they are set.
-    owner : ndarray of int, shape (H,)
-        Number of the condition of each prescribed node.
-    starts : ndarray of int, shape (H + 1,)
-    references : ndarray of int, shape (R,)
-        Node i follows from the nodes references[starts[i]:starts[i + 1]].
-    weights : ndarray, shape (R,)
-    source_terms : list of SourceTerm
-        Values added to the prescribed nodes, each over all H.
-    sources : list of (int, SourceTerm)
-        Number of a condition and its power per volume, of the lattice's shape.
-    leaks : list of (int, ndarray)
-        Number of a condition and the power lost per volume and temperature, of the lattice's shape.
-    notes : list of str
-        Notes on conditions that are allowed but may be unintended.
-    """
-
-    nodes: np.ndarray
-    owner: np.ndarray
-    starts: np.ndarray
-    references: np.ndarray
-    weights: np.ndarray
+    # of int, shape (H,); flat indices (of the lattice, or of its part) of the prescribed nodes, in the order in which
+    # they are set
+    nodes: np.ndarray = field(default_factory=partial(np.zeros, 0, int))
+    # of int, shape (H,); number of the condition of each prescribed node
+    owner: np.ndarray = field(default_factory=partial(np.zeros, 0, int))
+    starts: np.ndarray = field(default_factory=partial(np.zeros, 1, int))  # of int, shape (H + 1,)
+    # of int, shape (R,); node i follows from the nodes references[starts[i]:starts[i + 1]]
+    references: np.ndarray = field(default_factory=partial(np.zeros, 0, int))
+    weights: np.ndarray = field(default_factory=partial(np.zeros, 0))  # shape (R,)
+    # values added to the prescribed nodes, each over all H
     source_terms: list[SourceTerm] = field(default_factory=list)
+    # number of a condition and its power per volume, of the lattice's shape
     sources: list[tuple[int, SourceTerm]] = field(default_factory=list)
+    # number of a condition and the power lost per volume and temperature, of the lattice's shape
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # notes on conditions that are allowed but may be unintended
 
     @property
     def resting(self) -> np.ndarray:
@@ -370,36 +360,19 @@ def resolve(
     gather: Gather = alone,
     stencil: Stencil | None = None,
 ) -> Conditions:
-    """Tables of all conditions.
+    """Return the tables of all conditions on the lattice, or on the part of it that belongs to this process.
 
-    Parameters
-    ----------
-    constraints : sequence of Temperature, Flux, Insulated or Convection
-    lattice : Lattice
-        The lattice, or the part of it that belongs to this process.
-    reach : sequence of int
-        Reach of the stencil along each axis.
-    conductivity : float or ndarray of its shape
-    background : float
-        Value from which the field's values are counted.
-    gather : callable
-        Returns the values of all processes, each of which has a part of the lattice, given that of this process.
-    stencil : Stencil, optional
-        Bonds of the medium, which bear what passes through the surface of a region; those to the nearest nodes unless
-        given.
-
-    Raises
-    ------
-    InputError
-        Not a condition, a side or a shape of another dimension, no node, two conditions on one node that contradict
-        each other, a body too thin for a layer, a flux into a part one node wide, values of a wrong shape or not
-        finite; nodes of a layer that are not in the same part as those from which they follow.
+    `background` is the value from which those of the field are counted. `gather` returns the values of all processes,
+    given that of this one. The bonds of `stencil`, those to the nearest nodes unless given, bear what passes through
+    the surface of a region. Raises InputError for anything but a condition, a side or a shape of another dimension, no
+    node, two conditions on one node that contradict each other, a body too thin for a layer, a flux into a part one
+    node wide, values of a wrong shape or not finite; nodes of a layer that are not in the same part as those from which
+    they follow.
     """
-    found: list[_Held] = []
+    held: list[_Held] = []
     face: _Face | _RegionSurface
     heated: list[tuple[int, _Face | _RegionSurface]] = []  # sides and surfaces that take heat as a source
-    none = np.zeros(0, int)
-    out = Conditions(none, none, np.zeros(1, int), none, np.zeros(0))
+    out = Conditions()
     for number, constraint in enumerate(constraints):
         if isinstance(constraint, Prescribed):
             continue  # handled by farhorizon.inputs.prescribed
@@ -418,20 +391,26 @@ def resolve(
             heated.append((number, face))
         elif isinstance(constraint.where, str):
             side = _Face(constraint.where, lattice, constraint.within, key, gather)
-            found.append(_on_face(number, constraint, side, lattice, reach, conductivity, background, key))
+            held.append(_on_face(number, constraint, side, lattice, reach, conductivity, background, key))
         else:
-            found.append(_in_region(number, constraint, lattice, background, key, gather))
-    _join(out, found, lattice)
-    _refuse_heated(out, found, heated, lattice)
+            held.append(_in_region(number, constraint, lattice, background, key, gather))
+    _join(out, held, lattice)
+    _refuse_heated(out, held, heated, lattice)
     for number, face in heated:
-        one = constraints[number]
-        if isinstance(one, Convection) and one.within is not None:
-            same = (other.own(0) for _, other in heated if (other.axis, other.side) == (face.axis, face.side))
-            whole = _surface_of(replace(one, within=None), lattice, f"constraint[{number}]", gather, stencil).own(0)
-            rest = sum(gather(int((~np.isin(whole, np.concatenate([out.nodes, *same]))).sum())))
+        condition = constraints[number]
+        if isinstance(condition, Convection) and condition.within is not None:
+            on_face = (
+                face_there.own(0)
+                for _, face_there in heated
+                if (face_there.axis, face_there.side) == (face.axis, face.side)
+            )
+            nodes_of_side = _surface_of(
+                replace(condition, within=None), lattice, f"constraint[{number}]", gather, stencil
+            ).own(0)
+            rest = sum(gather(int((~np.isin(nodes_of_side, np.concatenate([out.nodes, *on_face]))).sum())))
             if rest:
                 out.notes.append(
-                    f"constraint[{number}]: outside `within` {rest} of the {sum(gather(len(whole)))} nodes of "
+                    f"constraint[{number}]: outside `within` {rest} of the {sum(gather(len(nodes_of_side)))} nodes of "
                     f"{face.name} are insulated: no heat passes there"
                 )
     return out
@@ -444,34 +423,35 @@ def losses(
     stencil: Stencil | None = None,
     conductivity: np.ndarray | float = 1.0,
 ) -> list[tuple[int, np.ndarray]]:
-    """Number of each convection and the power that it takes per volume and temperature, of the shape of the lattice or
-    of this part of it; see `resolve`.
+    """Return the number of each convection and the power that it takes per volume and temperature, of the shape of the
+    lattice or of this part of it; see `resolve`.
     """
-    return [
-        (number, _loss(one, _surface_of(one, lattice, f"constraint[{number}]", gather, stencil), conductivity))
-        for number, one in enumerate(constraints)
-        if isinstance(one, Convection)
-    ]
+    lost = []
+    for number, condition in enumerate(constraints):
+        if isinstance(condition, Convection):
+            face = _surface_of(condition, lattice, f"constraint[{number}]", gather, stencil)
+            lost.append((number, _loss(condition, face, conductivity)))
+    return lost
 
 
-def _loss(one: Convection, face: _Face | _RegionSurface, conductivity: np.ndarray | float) -> np.ndarray:
-    assert one.transfer is not None
-    return face.spread(face.transfer(one.transfer, conductivity))
+def _loss(convection: Convection, face: _Face | _RegionSurface, conductivity: np.ndarray | float) -> np.ndarray:
+    assert convection.transfer is not None
+    return face.spread(face.transfer(convection.transfer, conductivity))
 
 
 def _surface_of(
-    one: Flux | Convection, lattice: Lattice, key: str, gather: Gather, stencil: Stencil | None
+    condition: Flux | Convection, lattice: Lattice, key: str, gather: Gather, stencil: Stencil | None
 ) -> _Face | _RegionSurface:
-    if isinstance(one.where, str):
-        return _Face(one.where, lattice, one.within, key, gather)
-    assert isinstance(one.where, Shape)
+    if isinstance(condition.where, str):
+        return _Face(condition.where, lattice, condition.within, key, gather)
+    assert isinstance(condition.where, Shape)
     stencil = Stencil.finite_difference(lattice.dim) if stencil is None else stencil
-    return _RegionSurface(one.where, lattice, one.within, key, gather, stencil)
+    return _RegionSurface(condition.where, lattice, condition.within, key, gather, stencil)
 
 
 @dataclass
 class _Held:
-    """Prescribed nodes of one condition: each takes weight * its reference (weight 0: none) + drives."""
+    """Prescribed nodes of one condition: each takes weight * its reference (weight 0: none) + source terms."""
 
     number: int
     nodes: np.ndarray
@@ -484,9 +464,8 @@ class _Held:
 
 class _Face:
     """The outermost nodes of a body on one side: for each line along the axis that meets the part of the lattice, the
-    first node, the thickness of the body there, and the position of the wall.
-
-    Nodes are identified by their flat indices in the whole lattice.
+    first node, the thickness of the body there, and the position of the wall. Nodes are identified by their flat
+    indices in the whole lattice.
     """
 
     def __init__(self, name: str, part: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
@@ -516,16 +495,15 @@ class _Face:
     @property
     def _across(self) -> list[np.ndarray]:
         """Indices of the lines along the other axes of the whole lattice."""
-        others = [axis for axis in range(self.part.dim) if axis != self.axis]
-        shape = [self.part.shape[axis] for axis in others]
-        places = np.unravel_index(self._lines, shape) if others else ()  # a bar has one line along its axis
-        return [place + self.part.first[axis] for axis, place in zip(others, places, strict=True)]
+        across = [axis for axis in range(self.part.dim) if axis != self.axis]
+        shape = [self.part.shape[axis] for axis in across]
+        places = np.unravel_index(self._lines, shape) if across else ()  # a bar has one line along its axis
+        return [place + self.part.first[axis] for axis, place in zip(across, places, strict=True)]
 
     def _depths(self) -> tuple[np.ndarray, np.ndarray]:
-        """For each line that meets the part, the depth of the first node of the body and the number of nodes from there
-        on without a gap, itself included; 0 where there is none.
-
-        The body is examined in pieces, each as thick as the part.
+        """Return for each line that meets the part the depth of the first node of the body and the number of nodes from
+        there on without a gap, itself included, 0 where there is none; the body is examined in pieces, each as thick as
+        the part.
         """
         part, axis = self.part, self.axis
         across = tuple(n for a, n in enumerate(part.shape) if a != axis)
@@ -540,10 +518,10 @@ class _Face:
             ends[axis] = (start, last) if self.side < 0 else (self.count - last, self.count - start)
             mask = self.lattice.part(ends).existing
             assert mask is not None
-            for depth, there in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
-                nearest = np.where((thickness == 0) & there, depth, nearest)
-                goes_on &= there | (thickness == 0)
-                thickness = thickness + (there & goes_on)
+            for depth, exists in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
+                nearest = np.where((thickness == 0) & exists, depth, nearest)
+                goes_on &= exists | (thickness == 0)
+                thickness = thickness + (exists & goes_on)
         return nearest, thickness
 
     def nodes(self, depth: int) -> np.ndarray:
@@ -592,7 +570,7 @@ class _Face:
         return at
 
     def values(self, value: Any, depth: float) -> SourceTerm:
-        """A value as a drive over the lines, for a wall at `depth`."""
+        """A value as a source term over the lines, for a wall at `depth`."""
         space, time = space_and_time(value)
         at = self.coordinates(depth)
         if space is None:
@@ -623,7 +601,7 @@ def _finite(value: Any, count: int, key: str) -> np.ndarray:
 def _scaled(
     source_term: SourceTerm, factor: np.ndarray | float, put: Callable[[np.ndarray], np.ndarray] = lambda v: v
 ) -> SourceTerm:
-    """The drive times a factor, with its values rearranged by `put`."""
+    """The source term times a factor, with its values rearranged by `put`."""
     space, time = source_term
     if space is None:
         return None, lambda t: put(factor * time(t))
@@ -669,8 +647,8 @@ def _on_face(
     face.need(layers + (layers if mirror else 1), "the body is too thin for the layer of a condition")
     mine, nodes = lattice.own(np.concatenate([face.nodes(depth) for depth in range(layers)]))
     inner = [face.nodes(2 * layers - 1 - depth if mirror else layers) for depth in range(layers)]
-    there, references = lattice.own(np.concatenate(inner)[mine])
-    if not there.all():
+    in_part, references = lattice.own(np.concatenate(inner)[mine])
+    if not in_part.all():
         raise InputError(
             "a condition depends on nodes that another process has",
             value=face.name,
@@ -735,15 +713,15 @@ def _in_region(
 
 
 def _values_at(value: Any, at: Sequence[np.ndarray], nodes: np.ndarray, lattice: Lattice, key: str) -> SourceTerm:
-    """A value as a drive over points, each of which belongs to a node of this part of the lattice."""
+    """A value as a source term over points, each of which belongs to a node of this part of the lattice."""
     space, time = space_and_time(value)
     if space is None:
         return None, lambda t: _finite(time(*at, t), len(nodes), key)
     space = kinds.array(space(*at) if callable(space) else space, key, finite=False)
-    whole = lattice.whole.shape
-    if space.ndim and space.shape != whole and space.shape != nodes.shape:
-        raise InputError("an array must have the lattice's shape", value=space.shape, limit=whole, key=key)
-    return _finite(space[lattice.within].ravel()[nodes] if space.shape == whole else space, len(nodes), key), time
+    whole_shape = lattice.whole.shape
+    if space.ndim and space.shape != whole_shape and space.shape != nodes.shape:
+        raise InputError("an array must have the lattice's shape", value=space.shape, limit=whole_shape, key=key)
+    return _finite(space[lattice.within].ravel()[nodes] if space.shape == whole_shape else space, len(nodes), key), time
 
 
 class _RegionSurface:
@@ -769,7 +747,7 @@ class _RegionSurface:
         if within is not None:
             kept = within.contains(np.stack([g.ravel()[self._nodes] for g in part.coordinates()], axis=-1))
             self._nodes, self._at, self.first, self._depth = (
-                one[kept] for one in (self._nodes, self._at, self.first, self._depth)
+                values[kept] for values in (self._nodes, self._at, self.first, self._depth)
             )
         if not any(gather(bool(self._nodes.size))):
             raise InputError(
@@ -783,19 +761,21 @@ class _RegionSurface:
     def _bonds(self, stencil: Stencil) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes, crossings, areas in those of a face of a cell, and distances from the surface, of all bonds."""
         part, reach = self.part, stencil.reach
-        wide, own = part.around(reach)
-        there = np.ones(wide.shape, bool) if wide.mask is None else wide.mask
-        beyond = [(m - one.start, one.stop + m - n) for m, one, n in zip(reach, own, wide.shape, strict=True)]
-        missing = np.pad(~there, beyond)  # the sides of the lattice are no surface
+        wide, part_in_wide = part.around(reach)
+        exists = np.ones(wide.shape, bool) if wide.mask is None else wide.mask
+        beyond = [
+            (m - ends.start, ends.stop + m - n) for m, ends, n in zip(reach, part_in_wide, wide.shape, strict=True)
+        ]
+        missing = np.pad(~exists, beyond)  # the sides of the lattice are no surface
         middle = tuple(slice(m, m + n) for m, n in zip(reach, part.shape, strict=True))
         moment = 0.5 * (stencil.weights[:, None] * stencil.offsets**2).sum(0).mean()
         near = np.zeros(part.shape, bool)
         for offset in stencil.offsets:
-            near |= missing[tuple(slice(one.start + k, one.stop + k) for one, k in zip(middle, offset, strict=True))]
+            near |= missing[tuple(slice(ends.start + k, ends.stop + k) for ends, k in zip(middle, offset, strict=True))]
         nodes = np.flatnonzero(near & ~missing[middle])
         at = np.stack([g.ravel()[nodes] for g in part.coordinates()], axis=-1)
         places = np.stack(np.unravel_index(nodes, part.shape), axis=-1) + np.array(reach)
-        here, found = self._region.contains(at)[:, None], []
+        here, crossing = self._region.contains(at)[:, None], []
         for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
             count = self._SAMPLES * int(np.abs(offset).max())
             steps = np.arange(1, count + 1)[:, None] * offset / count
@@ -806,12 +786,14 @@ class _RegionSurface:
             low = high - 1 / count
             for _ in range(self._HALVINGS):
                 half = (low + high) / 2
-                same = self._region.contains(at[which] + part.spacing * half[:, None] * offset) == here[which, 0]
-                low, high = np.where(same, half, low), np.where(same, high, half)
+                before_surface = (
+                    self._region.contains(at[which] + part.spacing * half[:, None] * offset) == here[which, 0]
+                )
+                low, high = np.where(before_surface, half, low), np.where(before_surface, high, half)
             points = at[which] + part.spacing * high[:, None] * offset
             along = np.abs(self._normals(points) @ offset)
-            found.append((nodes[which], points, weight / moment * along, part.spacing * high * along))
-        return tuple(np.concatenate(one) for one in zip(*found, strict=True))  # type: ignore[return-value]
+            crossing.append((nodes[which], points, weight / moment * along, part.spacing * high * along))
+        return tuple(np.concatenate(values) for values in zip(*crossing, strict=True))  # type: ignore[return-value]
 
     def _normals(self, at: np.ndarray) -> np.ndarray:
         """Normals of the region at points of its surface, from where it lies around them."""
@@ -819,13 +801,13 @@ class _RegionSurface:
         along = (2 * np.arange(count) + 1 - count) / count
         ball = np.stack(np.meshgrid(*[along] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
         ball = ball[(ball**2).sum(1) <= 1]
-        found = np.zeros_like(at)
+        normals = np.zeros_like(at)
         for first in range(0, len(at), self._CHUNK):
             points = at[first : first + self._CHUNK, None] + self._BALL * self.part.spacing * ball
             normal = self._region.contains(points) @ ball
             length = np.linalg.norm(normal, axis=1, keepdims=True)
-            found[first : first + self._CHUNK] = normal / np.where(length > 0, length, 1.0)
-        return found
+            normals[first : first + self._CHUNK] = normal / np.where(length > 0, length, 1.0)
+        return normals
 
     def transfer(self, given: float, conductivity: np.ndarray | float) -> np.ndarray:
         """Heat transfer coefficients between a fluid and the nodes: that of the surface, and the way to the node."""
@@ -847,15 +829,15 @@ class _RegionSurface:
         return field
 
     def values(self, value: Any, depth: float) -> SourceTerm:
-        """A value as a drive over the bonds."""
+        """A value as a source term over the bonds."""
         return _values_at(value, list(self._at.T), self._nodes, self.part, self.key)
 
 
-def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputError:
+def _contradiction(first: int, second: int, node: int, lattice: Lattice) -> InputError:
     at = np.array(np.unravel_index(node, lattice.shape))
     return InputError(
         "two conditions on one node contradict each other",
-        value=f"constraint[{min(one, other)}] and constraint[{max(one, other)}] near "
+        value=f"constraint[{min(first, second)}] and constraint[{max(first, second)}] near "
         f"{(lattice.lower + at * lattice.spacing).tolist()}",
         key="constraints",
         remedy="restrict one of them by `within`",
@@ -863,41 +845,41 @@ def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputEr
 
 
 def _refuse_heated(
-    out: Conditions, found: Sequence[_Held], heated: Sequence[tuple[int, _Face | _RegionSurface]], lattice: Lattice
+    out: Conditions, held_nodes: Sequence[_Held], heated: Sequence[tuple[int, _Face | _RegionSurface]], lattice: Lattice
 ) -> None:
     """Refuse heat into nodes whose value is prescribed, where it would be lost; where two sides of the body meet, it
     goes into the wall.
     """
-    axes = {held.number: held.axis for held in found}
+    axes = {held.number: held.axis for held in held_nodes}
     for number, face in heated:
-        same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
-        lost = np.flatnonzero(same & np.isin(out.nodes, face.own(0)))
+        alike = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
+        lost = np.flatnonzero(alike & np.isin(out.nodes, face.own(0)))
         if lost.size:
             raise _contradiction(number, int(out.owner[lost[0]]), int(out.nodes[lost[0]]), lattice)
 
 
-def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
+def _join(out: Conditions, held_nodes: Sequence[_Held], lattice: Lattice) -> None:
     """Join all conditions into one table: plain values first, then nodes that follow from others, axis by axis.
 
     A node with two conditions must get the same number from both. Only in the edges and corners where layers of
     different axes meet does one take precedence: a plain value, otherwise the layer of the later axis, which reads that
     of the earlier one (the mirror image of a mirror image).
     """
-    if not found:
+    if not held_nodes:
         return
     shape = lattice.shape
     owner = np.full(int(np.prod(shape)), -1)
-    by_number = {h.number: h for h in found}
-    order = sorted(found, key=lambda h: (h.weight != 0, -1 if h.axis is None else h.axis))
+    by_number = {h.number: h for h in held_nodes}
+    order = sorted(held_nodes, key=lambda h: (h.weight != 0, -1 if h.axis is None else h.axis))
     for held in order:
         taken = owner[held.nodes]
-        for other in np.unique(taken[taken >= 0]):
-            rival = by_number[int(other)]
+        for owner_there in np.unique(taken[taken >= 0]):
+            rival = by_number[int(owner_there)]
             corner = None not in (held.axis, rival.axis) and held.axis != rival.axis and bool(held.weight)
             if not corner and (held.plain is None or held.plain != rival.plain):
-                raise _contradiction(held.number, int(other), int(held.nodes[taken == other][0]), lattice)
+                raise _contradiction(held.number, int(owner_there), int(held.nodes[taken == owner_there][0]), lattice)
             if corner and rival.weight:
-                owner[held.nodes[taken == other]] = held.number
+                owner[held.nodes[taken == owner_there]] = held.number
         owner[held.nodes[taken < 0]] = held.number
     kept = [(held, owner[held.nodes] == held.number) for held in order]
     place = np.full(owner.shape, -1)  # position of each node in the order of setting

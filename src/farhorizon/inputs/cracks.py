@@ -71,12 +71,8 @@ def as_crack(crack: Any, dim: int) -> Crack:
 
 
 def as_cut(crack: Any, dim: int) -> Cut:
-    """A crack as a `Cut`: itself, a position (1D), points of a polyline (2D), or the corners of a polygon (3D).
-
-    Raises
-    ------
-    InputError
-        A crack of another dimension than the lattice, or points where a surface is needed (3D).
+    """Return a crack as a `Cut`: itself, a position (1D), points of a polyline (2D), or the corners of a polygon (3D);
+    raises InputError for one of another dimension than the lattice, and points where a surface is needed (3D).
     """
     if isinstance(crack, Cut):
         cut = crack
@@ -101,23 +97,9 @@ def as_cut(crack: Any, dim: int) -> Cut:
 def cut_bonds(
     cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...], offsets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Bonds of a lattice that a crack cuts.
-
-    Parameters
-    ----------
-    cut : Cut
-    lower : ndarray, shape (dim,)
-        Coordinates of the first node.
-    spacing : float
-    shape : tuple of int
-        Number of nodes along each axis.
-    offsets : ndarray, shape (K, dim)
-
-    Returns
-    -------
-    nodes : ndarray of int, shape (n, dim)
-    bond : ndarray of int, shape (n,)
-        Number of the offset; both directions of a bond are listed.
+    """Return the bonds of a lattice that a crack cuts: the indices of their first nodes, shape (n, dim), and the
+    numbers of their offsets, shape (n,); both directions of a bond are listed. `lower` are the coordinates of the first
+    node.
     """
     reach = np.abs(offsets).max(0)
     low, high = (np.asarray(b, float) for b in cut.bounds())

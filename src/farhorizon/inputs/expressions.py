@@ -92,7 +92,7 @@ class _OfNumbers:
         self._of_arrays: Callable[..., Any] = given
 
     def __call__(self, *arrays: Any) -> NDArray[np.float64]:
-        arrays = tuple(np.asarray(one, float) for one in arrays)
+        arrays = tuple(np.asarray(array, float) for array in arrays)
         if self.compiled is None:
             self.compiled = self._compile(*arrays)
         try:
@@ -109,7 +109,7 @@ class _OfNumbers:
         """Compile, and return whether Numba can: whether it compiles and calculates what Python does."""
         import numba  # late: slow to import
 
-        some = [one.flat[: 1 if one.size else 0] for one in arrays]
+        some = [array.flat[: 1 if array.size else 0] for array in arrays]
         self._of_arrays = np.vectorize(self.__wrapped__, otypes=[float])
         try:
             made = numba.vectorize([numba.float64(*[numba.float64] * len(arrays))])(self.__wrapped__)
@@ -382,12 +382,8 @@ class Expression(Storable):
 
 
 def function_of(text: str, names: Sequence[str], key: str) -> Callable[..., NDArray[np.float64]]:
-    """Return an expression as a function of arrays with these names.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression of these names.
+    """Return an expression as a function of arrays with these names; raises InputError for a text that is not one of
+    them.
     """
     try:
         tree = _checked(text, tuple(names))
@@ -404,25 +400,13 @@ def function_of(text: str, names: Sequence[str], key: str) -> Callable[..., NDAr
 
 
 def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
-    """Return what a user gives for a function of space and time, with every text turned into an `Expression` of the
-    lattice's coordinates.
+    """Return what a user gives for a function of space and time, or a list with one entry per component, with every
+    text turned into an `Expression` of the lattice's coordinates; what is neither text nor expression is returned as it
+    is.
 
-    Parameters
-    ----------
-    value : str, Expression, callable, array_like or float, or a list of these
-        A list has one entry per component; what is neither text nor expression is returned as it is.
-    dim : int
-        Number of dimensions of the lattice.
-    key : str
-        Name of the value in messages.
-    time : bool
-        Whether it may depend on t.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression of these coordinates; without `time`, an expression of t or a function of
-        arguments other than the coordinates; a value that is not made of real numbers.
+    Raises InputError for a text that is not an expression of these coordinates; unless it may depend on `time`, for an
+    expression of t or a function of arguments other than the coordinates; and for a value that is not made of real
+    numbers.
     """
     if isinstance(value, list | tuple) and not all(isinstance(part, Real) for part in value):
         entries = [as_given(part, dim, f"{key}[{i}]", time=time) for i, part in enumerate(value)]
@@ -436,22 +420,20 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
     try:
         if isinstance(value, str) and not time:
             _checked(value, COORDINATES[:dim])
-        found = value.on(dim) if isinstance(value, Expression) else Expression(value, dim)
+        expression = value.on(dim) if isinstance(value, Expression) else Expression(value, dim)
     except InputError as error:
         raise error.at(key) from None
-    if found.uses_time and not time:
-        raise InputError("cannot depend on t", value=found.text, key=key, remedy=f"use {', '.join(COORDINATES[:dim])}")
-    return found
+    if expression.uses_time and not time:
+        raise InputError(
+            "cannot depend on t", value=expression.text, key=key, remedy=f"use {', '.join(COORDINATES[:dim])}"
+        )
+    return expression
 
 
 def as_signal(value: Any, key: str) -> Any:
     """Return what a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a
-    callable as it is.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression of t, a callable with another number of arguments, anything else but a number.
+    callable as it is; raises InputError for a text that is not an expression of t, a callable with another number of
+    arguments, and anything else but a number.
     """
     if isinstance(value, str | Expression):
         try:
@@ -602,8 +584,8 @@ def _check_operators(ops: Iterable[ast.AST], known: Mapping[Any, Any]) -> None:
 
 def _check_number(value: object) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        kind = "a string" if isinstance(value, str) else f"a constant of type {type(value).__name__}"
-        raise InputError(f"{kind} is not allowed in an expression", value=repr(value), remedy="use real numbers")
+        given_type = "a string" if isinstance(value, str) else f"a constant of type {type(value).__name__}"
+        raise InputError(f"{given_type} is not allowed in an expression", value=repr(value), remedy="use real numbers")
     # Python compares a huge integer exactly, where a conversion to float raises.
     if value > sys.float_info.max:
         raise InputError("a number in the expression is beyond the double range", limit=sys.float_info.max)
@@ -616,7 +598,7 @@ def _check_name(name: str, variables: Sequence[str]) -> None:
     if name == "t":
         raise InputError("cannot depend on t", remedy=f"use {', '.join(variables)}")
     if name in COORDINATES:
-        dim = sum(one in COORDINATES for one in variables)
+        dim = sum(variable in COORDINATES for variable in variables)
         where = f"in {dim} dimensions" if dim else "in a function of t alone"
         raise InputError(f"there is no {name} {where}", remedy=f"use {', '.join(variables)}")
     if name in FUNCTIONS:

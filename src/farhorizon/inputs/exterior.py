@@ -23,58 +23,44 @@ _FARTHER = (2, 4, 8, 16, 32)
 _ROUNDING = float(np.finfo(float).eps)  # values below this part of the largest count as zero
 
 Function = Callable[..., Any]
+_Part = tuple[str, float, list[np.ndarray], np.ndarray]  # name, target, coordinates and existing nodes
 
 
 class Exterior:
     """The medium beyond the absorbing sides. Fixed, free and periodic sides end it: nothing is missed there.
 
-    Parameters
-    ----------
-    lattice : Lattice
-    sides : dict of (axis, side) to Side
-    wanted : float
-        Part of the largest value that may be missed beyond sides that do not specify it.
-    depth : dict of (axis, side) to int
-        Number of nodes examined beyond each absorbing side: those of the layer, or the stencil's reach if that is more.
-    near : ndarray of bool, optional
-        Nodes of a window whose outline is closed by a condition: what lies around them is missed, too.
-    largest : callable
-        Returns the largest value of all processes, where several compute the run, given that of this process.
-
-    Attributes
-    ----------
-    targets : dict of (axis, side) to float
-        Part of the largest value that may be missed beyond each side.
-    notes : list of str
-        Notes on what was found below the targets, or cannot be checked.
+    Beyond sides that do not specify it, the fraction `wanted` of the largest value may be missed. `depth` is the number
+    of nodes examined beyond each absorbing side. What lies around the nodes `near` of a window whose outline is closed
+    by a condition is missed, too. `largest` returns the largest value of all processes that compute the run.
     """
 
     def __init__(
         self,
         lattice: Lattice,
         sides: dict[tuple[int, int], Side],
-        wanted: float,
+        target: float,
         depth: dict[tuple[int, int], int],
         near: np.ndarray | None = None,
         largest: Callable[[float], float] = float,
     ) -> None:
         self.lattice, self.depth, self.near, self._largest_of_all = lattice, depth, near, largest
         absorbing = {key: b for key, b in sides.items() if b.endless}
-        self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
+        self.targets = {key: b.wanted(target) for key, b in absorbing.items()}
+        self.examines = bool(self.targets) or near is not None or largest is not float  # also with other processes
         self.notes: list[str] = []
 
     def but_for(self, sides: Iterable[tuple[int, int]]) -> Exterior:
-        """A copy that does not check some of the sides; it adds its notes to the same list."""
-        others, left_out = copy.copy(self), set(sides)
-        others.targets = {key: target for key, target in self.targets.items() if key not in left_out}
-        return others
+        """Return a copy that does not check some of the sides; it adds its notes to the same list."""
+        checks, left_out = copy.copy(self), set(sides)
+        checks.targets = {key: target for key, target in self.targets.items() if key not in left_out}
+        return checks
 
     def check_values(self, values: np.ndarray, key: str) -> None:
-        """Note nonzero values at an absorbing edge, since what an array would be beyond it is unknown. Refuse values
+        """Note nonzero values at an absorbing edge, since what an array would be beyond it is unknown; refuse values
         around a closed window.
         """
         peak = float(np.abs(values).max(initial=0))
-        found = {}
+        at_edges = {}
         if self.near is not None:
             missed = float(np.abs(np.where(self.near, 0.0, values)).max(initial=0))
             if missed > max(self.targets.values()) * peak:
@@ -89,41 +75,27 @@ class Exterior:
         for (axis, side), target in self.targets.items():
             edge = float(np.abs(np.take(values, 0 if side < 0 else -1, axis)).max(initial=0))
             if edge > target * peak:
-                found[_name(axis, side)] = edge / peak
-        if found:
+                at_edges[_name(axis, side)] = edge / peak
+        if at_edges:
             self.notes.append(
-                f"{key} is an array with {max(found.values()):.2g} of its largest value at an absorbing edge "
-                f"({', '.join(found)}): it is taken to be "
+                f"{key} is an array with {max(at_edges.values()):.2g} of its largest value at an absorbing edge "
+                f"({', '.join(at_edges)}): it is taken to be "
                 "zero beyond, which cannot be checked"
             )
 
     def check_function(
         self, function: Function, peak: float, key: str, level: float = 0.0, missed: str = "value"
     ) -> None:
-        """Check a function of the coordinates just beyond the absorbing sides.
+        """Check a function of the coordinates just beyond the absorbing sides, where it should be `level`.
 
-        Parameters
-        ----------
-        function : callable
-            Function of the coordinates.
-        peak : float
-            Largest \\|function - level\\| in the near field.
-        key : str
-            Name of the function in messages.
-        level : float
-            Value that the function should have beyond.
-        missed : str
-            What `peak` is the largest of, for messages.
-
-        Raises
-        ------
-        InputError
-            More than a side's target of the largest value lies beyond it, or all of it does.
+        `peak` is its largest difference from that in the near field, and `missed` says in messages what it is the
+        largest of. Raises InputError if more than a side's target of the largest value lies beyond it, or all of it
+        does.
         """
-        found, peak = {}, self._largest_of_all(peak)
-        for name, target, coordinates, exists in self._around():
+        shares, peak = {}, self._largest_of_all(peak)
+        for (name, target, coordinates, exists), values in self._evaluated(function):
             with np.errstate(all="ignore"):
-                beyond = np.abs(np.where(exists, np.asarray(function(*coordinates), float) - level, 0.0))
+                beyond = np.abs(np.where(exists, values - level, 0.0))
             worst = float(beyond.max(initial=0))
             share = worst / max(peak, worst, 1e-300) if np.isfinite(worst) else np.inf
             if not share <= target:
@@ -149,10 +121,10 @@ class Exterior:
                     + (", set background to its value far away" if missed == "initial value" else ""),
                 )
             if share > _ROUNDING:
-                found[name] = share
-        if found:
+                shares[name] = share
+        if shares:
             self.notes.append(
-                f"{key}: {max(found.values()):.2g} of the largest {missed} lies beyond {', '.join(found)} and is "
+                f"{key}: {max(shares.values()):.2g} of the largest {missed} lies beyond {', '.join(shares)} and is "
                 "missed; below the target"
             )
         if peak == 0 and self.targets:
@@ -188,8 +160,8 @@ class Exterior:
         )
 
     def _largest(self, function: Function, level: float, times: int = 1) -> tuple[float, str]:
-        """Largest magnitude of the function less the level, and its place, on a sample of the near field and of `times`
-        its extent beyond each absorbing side.
+        """Return the largest magnitude of the function less the level, and its place, on a sample of the near field and
+        of `times` its extent beyond each absorbing side.
         """
         lattice = self.lattice
         more = {key: times * lattice.shape[key[0]] for key in self.targets}
@@ -201,33 +173,15 @@ class Exterior:
         axes = [first + lattice.spacing * np.arange(0, n, stride) for first, n in zip(lower, count, strict=True)]
         coordinates = np.meshgrid(*axes, indexing="ij")
         with np.errstate(all="ignore"):
-            found = np.nan_to_num(
+            sizes = np.nan_to_num(
                 np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape), nan=0.0
             )
-        top = np.unravel_index(int(np.argmax(found)), found.shape)
-        return float(found[top]), shown([float(c[top]) for c in coordinates])
+        top = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+        return float(sizes[top]), shown([float(c[top]) for c in coordinates])
 
     def check_moving(self, source: Function, times: np.ndarray, peak: float, key: str = "source") -> float:
-        """Check a source s(x, ..., t) at some times.
-
-        Parameters
-        ----------
-        source : callable
-            Function of the coordinates and t.
-        times : ndarray
-        peak : float
-            Its largest magnitude in the near field at earlier times.
-        key : str
-
-        Returns
-        -------
-        float
-            Its largest magnitude in the near field, these times included.
-
-        Raises
-        ------
-        InputError
-            As `check_function`.
+        """Check a source s(x, ..., t) at some times as `check_function` does; returns its largest magnitude in the near
+        field at these times, and at earlier ones, at which it was `peak`.
         """
 
         def largest(*coordinates: np.ndarray) -> np.ndarray:
@@ -241,28 +195,41 @@ class Exterior:
 
     def check_cracks(self, cuts: Iterable[Cut], reach: Sequence[int]) -> None:
         """Refuse cracks that lie so far beyond the near field that they cut no bond of its nodes; raises InputError."""
-        whole, slack = self.lattice.whole, self.lattice.spacing * np.array(reach)
+        whole_lattice, slack = self.lattice.whole, self.lattice.spacing * np.array(reach)
         for cut in cuts:
             low, high = cut.bounds()
-            if np.any(low > whole.upper + slack) or np.any(high < whole.lower - slack):
+            if np.any(low > whole_lattice.upper + slack) or np.any(high < whole_lattice.lower - slack):
                 raise InputError(
                     "the crack lies beyond the near field and cuts none of its bonds",
                     value=[b.tolist() for b in (low, high)],
-                    limit=_extent(whole),
+                    limit=_extent(whole_lattice),
                     key="crack",
                     remedy="move it inside or enlarge the near field",
                 )
 
-    def _around(self) -> Iterator[tuple[str, float, list[np.ndarray], np.ndarray]]:
-        """Name, target, coordinates and existing nodes of each part of the medium that is examined."""
+    def _evaluated(self, function: Function) -> list[tuple[_Part, np.ndarray]]:
+        """Return each part of the medium that is examined, and the values of a function there, which is called once."""
+        parts = list(self._around())
+        if not parts:
+            return []
+        shapes = [coordinates[0].shape for _, _, coordinates, _ in parts]
+        along = zip(*(coordinates for _, _, coordinates, _ in parts), strict=True)
+        places = [np.concatenate([values.ravel() for values in axis]) for axis in along]
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(np.asarray(function(*places), float), places[0].shape)
+        pieces = np.split(values, np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1])
+        return [(part, piece.reshape(shape)) for part, piece, shape in zip(parts, pieces, shapes, strict=True)]
+
+    def _around(self) -> Iterator[_Part]:
+        """Yield each part of the medium that is examined."""
         for (axis, side), target in self.targets.items():
             yield _name(axis, side), target, *self.strip(axis, side)
         if self.near is not None:
             yield "outline", max(self.targets.values()), self.lattice.coordinates(), ~self.near
 
     def strip(self, axis: int, side: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body continues along the
-        normal).
+        """Return the coordinates of the nodes beyond a side, corners included, and which of them exist (a body
+        continues along the normal).
         """
         lattice, dx = self.lattice, self.lattice.spacing
         pads = [(self.depth.get((a, -1), 0), self.depth.get((a, 1), 0)) for a in range(lattice.dim)]
@@ -281,20 +248,11 @@ class Exterior:
 
 
 def changes(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
-    """Notes on a medium that changes in front of absorbing sides, beyond which it continues along the normal as at the
-    edge: gradually along the normal, or at an interface that runs into the side at an angle to the normal.
+    """Return notes on a medium that changes in front of absorbing sides, beyond which it continues along the normal as
+    at the edge: gradually along the normal, or at an interface that runs into the side at an angle to the normal.
 
     A change is gradual if, within the last `_REACHES` reaches, values differ between more pairs of neighbours than one
-    reach holds. An interface that does not run into the side is neither.
-
-    Parameters
-    ----------
-    values : ndarray, of the lattice's shape
-    what : str
-        Name of the values.
-    sides : iterable of (axis, side)
-    reach : sequence of int
-        Reach of the stencil along each axis.
+    reach holds. An interface that does not run into the side is neither. `what` names the values in notes.
     """
     notes = []
     for axis, side in sides:

@@ -32,27 +32,14 @@ _ACROSS_LAYERS = (
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The box of an incident wave on a lattice, and the medium there.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    scheme : Scheme
-        Scheme of the medium at the faces of the box and outside.
-    first, last : ndarray of int, shape (dim,)
-        Smallest and largest index of the box along each axis.
-    surface : (axis, side), optional
-        The free side on which the box stands.
-    states : ForceStates, optional
-        Force states of the medium, if its forces do not follow from bonds alone.
-    """
+    """The box of an incident wave on a lattice, and the medium there."""
 
     lattice: Lattice
-    scheme: Scheme
-    first: np.ndarray
+    scheme: Scheme  # scheme of the medium at the faces of the box and outside
+    first: np.ndarray  # of int, shape (dim,); smallest and largest index of the box along each axis
     last: np.ndarray
-    surface: End | None = None
-    states: ForceStates | None = None
+    surface: End | None = None  # the free side on which the box stands
+    states: ForceStates | None = None  # force states of the medium, if its forces do not follow from bonds alone
 
     @cached_property
     def end(self) -> FreeSide | None:
@@ -211,26 +198,12 @@ def resolved_box(
     key: str,
     met: End | None = None,
 ) -> Box:
-    """Return the box of an incident wave; where it stands on a side, it ends at the nodes of that side.
+    """Return the box of an incident wave: by default the near field less two reaches, up to the free side `met`, if
+    any; where it stands on a side, it ends at the nodes of that side.
 
-    Parameters
-    ----------
-    within : Box or None
-        As given; the near field less two reaches unless given.
-    lattice : Lattice
-    reach : sequence of int
-    ends : mapping of (axis, side) to bool
-        Sides at which the medium ends, and whether they are free.
-    key : str
-        Name of the box in messages.
-    met : (axis, side), optional
-        The free side on which the box stands if none is given.
-
-    Raises
-    ------
-    InputError
-        A box that is not inside the near field by one reach, except at one free side on which it may stand, or one so
-        small that the neighbourhoods of its faces meet.
+    `ends` are the sides at which the medium ends, and whether they are free. Raises InputError for a box that is not
+    inside the near field by one reach, except at one free side on which it may stand, or one so small that the
+    neighbourhoods of its faces meet.
     """
     more, close = lattice.spacing * np.array(reach), _CLOSE * lattice.spacing
     if within is None:
@@ -317,29 +290,7 @@ class Incidence:
 
     The sources :math:`\chi L u_i - L (\chi u_i)` of the incident wave :math:`u_i`, where :math:`\chi` is 1 inside the
     box and 0 outside, require the wave only on the nodes with a bond through a face (`farhorizon.medium.shell.Shell`).
-
-    Parameters
-    ----------
-    wave : Incident
-        The wave with its box.
-    lattice : Lattice
-        Lattice of the run, or a part of it.
-    scheme : Scheme
-        Scheme of the medium outside the box, which the wave satisfies.
-    free : sequence of (axis, side)
-        Free sides.
-    states : ForceStates, optional
-        Force states of that medium.
-
-    Attributes
-    ----------
-    passage : Passage
-    region : Region
-
-    Raises
-    ------
-    InputError
-        As `Incident.passage`.
+    The scheme and the states are those of the medium outside the box, which the wave satisfies.
     """
 
     def __init__(
@@ -384,10 +335,10 @@ class Incidence:
         box = [axis[(axis >= first) & (axis <= last)] for axis, first, last in ends]  # as far as it is in this part
         nodes = np.stack(np.meshgrid(*box, indexing="ij"), axis=-1).reshape(-1, len(box))
         where, wave = self._own(nodes)[1], self.passage.at(nodes)
-        found = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
-        found[0][:, where] = wave(0.0)
-        found[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
-        return self._shaped(found[0]), self._shaped(found[1])
+        data = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
+        data[0][:, where] = wave(0.0)
+        data[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
+        return self._shaped(data[0]), self._shaped(data[1])
 
     def field(self, t: float) -> np.ndarray:
         """The incident wave on the whole lattice, of the field's shape; nan where it is not known."""
@@ -413,34 +364,19 @@ def check_scatterers(
     """Return the factor on the bonds outside the box, after a check that cracks, holes and other materials are inside
     it, at least two reaches from its faces.
 
-    Parameters
-    ----------
-    wave : Incident
-        The wave with its box.
-    lattice : Lattice
-        The part of the lattice that belongs to this process.
-    reach : sequence of int
-    cuts : sequence of Cut
-    material : ndarray
-        Factor on the bonds, of the lattice's shape; nan where there are no nodes.
-    free : sequence of (axis, side)
-        Free sides, on one of which the box may stand: it has no face there.
-    gather : callable
-        Returns the values of all processes, each of which has a part of the lattice, given that of this process.
-
-    Raises
-    ------
-    InputError
+    `material` is the factor on the bonds in this part of the lattice, nan where there are no nodes. The box may stand
+    on one of the free sides: it has no face there. `gather` returns the values of all processes, given that of this
+    one.
     """
     assert wave.within is not None
-    whole, close = lattice.whole, _CLOSE * lattice.spacing
+    whole_lattice, close = lattice.whole, _CLOSE * lattice.spacing
     lower, upper = (np.array(b, float) for b in wave.within.bounds())
     more = 2 * lattice.spacing * np.array(reach)
-    open_sides = standing_on(wave.within, whole, free)
+    open_sides = standing_on(wave.within, whole_lattice, free)
     lower, upper = lower + more, upper - more
     for axis, side in open_sides:
         (lower if side < 0 else upper)[axis] = side * np.inf
-    limit = f"{shown(np.maximum(lower, whole.lower))} to {shown(np.minimum(upper, whole.upper))}"
+    limit = f"{shown(np.maximum(lower, whole_lattice.lower))} to {shown(np.minimum(upper, whole_lattice.upper))}"
     lower, upper = lower - close, upper + close
     for cut in cuts:
         low, high = (np.asarray(b, float) for b in cut.bounds())
@@ -456,12 +392,12 @@ def check_scatterers(
     for axis, places in enumerate(lattice.axes):
         within = (places >= lower[axis]) & (places <= upper[axis])
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
-    first = next(one for every in gather(material[~inner][:1].tolist()) for one in every)
-    other = lattice.lower + lattice.spacing * np.argwhere(~inner & ~(material == first))
-    leaving = ((other < whole.lower + close) | (other > whole.upper - close)).any(1)
-    mine = [(bool(leaving[at]), other[at].tolist()) for at in ([int(leaving.argmax())] if len(other) else [])]
-    if found := [one for every in gather(mine) for one in every]:
-        leaves, place = max(found, key=lambda one: one[0])
+    first = next(value for values in gather(material[~inner][:1].tolist()) for value in values)
+    unlike = lattice.lower + lattice.spacing * np.argwhere(~inner & ~(material == first))
+    leaving = ((unlike < whole_lattice.lower + close) | (unlike > whole_lattice.upper - close)).any(1)
+    mine = [(bool(leaving[at]), unlike[at].tolist()) for at in ([int(leaving.argmax())] if len(unlike) else [])]
+    if unlike_of_all := [entry for entries in gather(mine) for entry in entries]:
+        leaves, place = max(unlike_of_all, key=lambda entry: entry[0])
         raise InputError(
             "the medium is not uniform near the faces of an incident wave's box, or beyond",
             value=f"another one at {shown(place)}",

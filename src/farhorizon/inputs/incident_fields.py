@@ -118,9 +118,9 @@ class _GivenPassage(Passage):
 
 def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.ndarray:
     """Values of a function of the coordinates and t at places (dim, n), shape (components, n)."""
-    found = _value(field, places, t)
-    several = isinstance(found, list | tuple) or (components > 1 and np.size(found) != 1)
-    entries = list(found) if several else [found]
+    given = _value(field, places, t)
+    several = isinstance(given, list | tuple) or (components > 1 and np.size(given) != 1)
+    entries = list(given) if several else [given]
     if len(entries) != components:
         raise InputError(
             "an incident field needs one entry per component",

@@ -18,6 +18,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
 
 _ALIKE = 1e-9  # of a step or a rate: smaller differences are ignored
+_CLOSE = 1e-6  # of a spacing: places closer to each other than this coincide
 _FADED = 1e-9  # of the largest value: a record that ends below this has come to rest
 _PARTS = ("points", "times", "u", "medium")
 
@@ -87,7 +88,7 @@ class IncidentRecord(Incident):
                 key="incident",
                 remedy="the record of a run on a lattice of as many dimensions",
             )
-        more, close = lattice.spacing * np.array(reach), 1e-6 * lattice.spacing
+        more, close = lattice.spacing * np.array(reach), _CLOSE * lattice.spacing
         low, high = points.min(0) + more, points.max(0) - more
         for (axis, side), free in (ends or {}).items():
             edge = (lattice.lower if side < 0 else lattice.upper)[axis]
@@ -170,7 +171,7 @@ class _RecordedPassage(Passage):
         places = region.places(nodes)
         self._values = record["u"].reshape(len(times), len(record["points"]), -1)
         alike = places.shape == record["points"].shape and self._values.shape[2] == components
-        if not alike or np.abs(places - record["points"]).max() > 1e-6 * spacing:
+        if not alike or np.abs(places - record["points"]).max() > _CLOSE * spacing:
             raise InputError(
                 "the record is of other nodes than the shell of the box has",
                 value=f"{len(record['points'])} nodes, {self._values.shape[2]} components",

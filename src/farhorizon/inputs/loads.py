@@ -151,25 +151,9 @@ class Traction(Load):
 def force_density(
     load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load"
 ) -> np.ndarray:
-    """Force per volume of a traction on the nodes of a lattice, without its factor of time.
-
-    Parameters
-    ----------
-    load : Traction
-    lattice : Lattice
-    sides : mapping of (axis, side) to Side
-    key : str
-        Name of the load in messages.
-
-    Returns
-    -------
-    ndarray, shape (dim, *lattice.shape)
-
-    Raises
-    ------
-    InputError
-        An unknown side or one that is not free, components that are missing or not finite, a range beyond the near
-        field, or one without nodes.
+    """Return the force per volume of a traction on the nodes of a lattice, without its factor of time, shape (dim,
+    *lattice.shape); raises InputError for an unknown side or one that is not free, components that are missing or not
+    finite, a range beyond the near field, or one without nodes.
     """
     names = {AXES[a] + sign: (a, s) for a in range(lattice.dim) for sign, s in (("-", -1), ("+", 1))}
     if load.side not in names:
@@ -194,16 +178,16 @@ def force_density(
     at = lattice.coordinates()
     place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
     loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
-    others = [a for a in range(lattice.dim) if a != axis]
-    slack = 1e-9 * lattice.spacing
-    if load.between is not None and np.shape(load.between) != (len(others), 2):
+    across = [a for a in range(lattice.dim) if a != axis]
+    slack = 1e-9 * lattice.spacing  # rounding of coordinates
+    if load.between is not None and np.shape(load.between) != (len(across), 2):
         raise InputError(
             "a part of a side is given by two ends along each other axis",
             value=load.between,
-            limit=f"{len(others)} pairs",
+            limit=f"{len(across)} pairs",
             key=f"{key}.between",
         )
-    for a, (low, high) in zip(others, load.between or (), strict=load.between is not None):
+    for a, (low, high) in zip(across, load.between or (), strict=load.between is not None):
         first, last = lattice.whole.lower[a], lattice.whole.upper[a]
         if not first - slack <= low <= high <= last + slack:
             raise InputError(

@@ -75,27 +75,9 @@ def spread(
     key: str,
     derivative: int | None = None,
 ) -> np.ndarray:
-    """Densities on the nodes whose integral over all cells is the sum of the amounts at some points.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    points : ndarray, shape (n, dim)
-    amounts : ndarray, shape (n,)
-    interpolation : {"sinc", "linear"}
-    key : str
-        Name of the points in messages.
-    derivative : int, optional
-        Axis along which the points move: the result is then the change of the densities per length.
-
-    Returns
-    -------
-    ndarray, of the lattice's shape
-
-    Raises
-    ------
-    InputError
-        As `farhorizon.geometry.interpolation.interpolation_blocks`.
+    """Return densities on the nodes whose integral over all cells is the sum of the `amounts`, shape (n,), at points,
+    shape (n, dim). If they move along an axis, `derivative`, it is the change of the densities per length. Raises
+    InputError as `farhorizon.geometry.interpolation.interpolation_blocks`.
     """
     density = np.zeros(int(np.prod(lattice.shape)))
     for start in range(0, len(points), _AT_ONCE):
@@ -115,8 +97,8 @@ def set_source_fields(source: Any, **values: Any) -> None:
 
 def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
     """Coordinates of one point."""
-    found = np.atleast_1d(kinds.array(at, key))
-    if found.ndim != 1 or not 1 <= found.size <= 3:
+    coordinates = np.atleast_1d(kinds.array(at, key))
+    if coordinates.ndim != 1 or not 1 <= coordinates.size <= 3:
         raise InputError(
             "a point has one coordinate per axis",
             value=kinds.said(at),
@@ -124,13 +106,13 @@ def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
             key=key,
             remedy="(x, y) in two dimensions",
         )
-    return tuple(found.tolist())
+    return tuple(coordinates.tolist())
 
 
 def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
     """A number, or one component per axis."""
-    found = kinds.array(value, key)
-    if found.ndim > 1 or found.size > 3:
+    components = kinds.array(value, key)
+    if components.ndim > 1 or components.size > 3:
         raise InputError(
             "must be a number, or for an elastic medium one component per axis",
             value=kinds.said(value),
@@ -138,8 +120,8 @@ def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
             key=key,
             remedy="a number in a scalar field, (fx, fy) in an elastic plane",
         )
-    kinds.check_magnitude(found, key)
-    return tuple(found.tolist()) if found.ndim else float(found)
+    kinds.check_magnitude(components, key)
+    return tuple(components.tolist()) if components.ndim else float(components)
 
 
 def directed(density: np.ndarray, amount: float | tuple[float, ...], components: int, key: str) -> np.ndarray:
@@ -357,16 +339,16 @@ class MomentTensor(LocalSource):
         """
         if self.strike is not None and dim == 3:
             return self.moment * _double_couple(*(np.radians(getattr(self, name)) for name in _ANGLES))
-        found = np.asarray(self.moment) * np.eye(dim) if np.ndim(self.moment) == 0 else np.asarray(self.moment)
-        if self.strike is not None or found.shape != (dim, dim):
+        tensor = np.asarray(self.moment) * np.eye(dim) if np.ndim(self.moment) == 0 else np.asarray(self.moment)
+        if self.strike is not None or tensor.shape != (dim, dim):
             raise InputError(
                 "the moment tensor is one of another number of dimensions",
-                value="strike, dip and rake" if self.strike is not None else f"shape {found.shape}",
+                value="strike, dip and rake" if self.strike is not None else f"shape {tensor.shape}",
                 limit=f"shape ({dim}, {dim})",
                 key="source.moment",
                 remedy="a tensor of the lattice's axes",
             )
-        return found
+        return tensor
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""
@@ -396,8 +378,8 @@ def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:
     up = np.array([0.0, 0.0, 1.0])
     normal = np.sin(dip) * across + np.cos(dip) * up
     slip = np.cos(rake) * along + np.sin(rake) * (np.sin(dip) * up - np.cos(dip) * across)
-    found = np.outer(slip, normal) + np.outer(normal, slip)
-    return np.where(np.abs(found) > _ROUNDING, found, 0.0)  # rounding, as in cos(90 degrees), makes no force
+    couple = np.outer(slip, normal) + np.outer(normal, slip)
+    return np.where(np.abs(couple) > _ROUNDING, couple, 0.0)  # rounding, as in cos(90 degrees), makes no force
 
 
 @dataclass(frozen=True)
@@ -457,8 +439,9 @@ class LineSource(LocalSource):
 
 
 def patch(corner: np.ndarray, edges: Sequence[np.ndarray], lattice: Lattice, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Midpoints of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each part, shape
-    (n,), with at least two parts per spacing; raises InputError for one that is much too long for the lattice.
+    """Return midpoints of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each
+    part, shape (n,), with at least two parts per spacing; raises InputError for one that is much too long for the
+    lattice.
     """
     points, size = corner[None], 1.0
     most = 2 * float(np.linalg.norm(lattice.whole.upper - lattice.whole.lower)) + lattice.spacing

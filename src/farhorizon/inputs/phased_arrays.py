@@ -156,13 +156,13 @@ class PhasedArray(LocalSource):
         row = np.subtract(self.last, self.first) / self._length
         width = self._length / (self.elements - 1) if self.width is None else self.width
         edges = [width * row, *([] if self.across is None else [np.asarray(self.across)])]
-        found = []
+        sources = []
         for centre, delay in zip(as_points(self.centres, lattice.dim, f"{key}.first"), self.delays, strict=True):
             points, amounts = patch(centre - sum(edges) / 2, edges, lattice, f"{key}.first")
             density = spread(lattice, points, amounts, self.interpolation, f"{key}.first")
             values = directed(density, self.strength, components, f"{key}.strength")  # type: ignore[arg-type]
-            found.append(Source(values, _later(self.time or steady, float(delay))))
-        return found
+            sources.append(Source(values, _later(self.time or steady, float(delay))))
+        return sources
 
 
 def _later(time: Callable[[float], Any], delay: float) -> Callable[[float], Any]:

@@ -17,6 +17,7 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import Expression, as_signal
 from farhorizon.medium.integrators import Integrator, RungeKutta4, RungeKuttaChebyshev
 
+_ROUNDING = 1e-9  # of a step, for the time of a release
 _OF_TIMES = Function(place=False, components=True)
 _VALUE = "Value as a function of t; for displacements a list with one entry per axis, false for a free component."
 
@@ -111,17 +112,17 @@ class Prescribed(Storable):
 
     def at(self, t: float) -> Any:
         """The value, or the velocity, at a time; for a list, each entry. Raises InputError if one is not finite."""
-        found = [None if one is None else _at(one, t) for one in self.time_history]
-        return found if isinstance(self.velocity if self.value is None else self.value, list) else found[0]
+        values = [None if time_history is None else _at(time_history, t) for time_history in self.time_history]
+        return values if isinstance(self.velocity if self.value is None else self.value, list) else values[0]
 
     def nodes(self, lattice: Lattice) -> np.ndarray:
         """Flat indices of the nodes in the lattice, or in a part of one; raises InputError if there is none in the
         whole lattice, or if a point lies outside.
         """
-        found = lattice.inside(self.where) if isinstance(self.where, Shape) else self._listed(lattice)
-        if lattice.whole is lattice and not found.size:
+        nodes = lattice.inside(self.where) if isinstance(self.where, Shape) else self._listed(lattice)
+        if lattice.whole is lattice and not nodes.size:
             raise InputError("a constraint holds no node", key="constraint.where", remedy="move it into the near field")
-        return found
+        return nodes
 
     def _listed(self, lattice: Lattice) -> np.ndarray:
         """Flat indices of the nodes given by a mask or by points."""
@@ -136,8 +137,8 @@ class Prescribed(Storable):
             nodes = np.array([lattice.whole.index(point, "constraint.where") for point in points], int).reshape(
                 -1, lattice.dim
             )
-            found = np.unique(lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1])
-            return found if lattice.mask is None else found[lattice.mask.flat[found]]
+            own_nodes = np.unique(lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1])
+            return own_nodes if lattice.mask is None else own_nodes[lattice.mask.flat[own_nodes]]
         if given.shape != lattice.whole.shape:
             raise InputError(
                 "a mask must have the lattice's shape",
@@ -162,7 +163,7 @@ class Prescribed(Storable):
 
     def last_step(self, dt: float) -> float:
         """Number of the last step in which the value is prescribed."""
-        return np.inf if self.until is None else np.floor(self.until / dt + 1e-9)
+        return np.inf if self.until is None else np.floor(self.until / dt + _ROUNDING)
 
     def release_rate(self, component: int, t: float, dt: float) -> float:
         """Velocity of a component when it is released at time t."""
@@ -180,10 +181,10 @@ def _by_component(given: Any, key: str) -> Any:
     """Return a function of t, or a list of such functions and of None."""
     if not isinstance(given, list | tuple):
         return _of_time(given, key)
-    found = [_of_time(one, f"{key}[{i}]") for i, one in enumerate(given)]
-    if all(one is None for one in found):
+    time_histories = [_of_time(component, f"{key}[{i}]") for i, component in enumerate(given)]
+    if all(component is None for component in time_histories):
         raise InputError("a constraint prescribes no component", value=list(given), key=key, remedy="leave it out")
-    return found
+    return time_histories
 
 
 def _of_time(given: Any, key: str) -> Any:
@@ -197,36 +198,22 @@ def _of_time(given: Any, key: str) -> Any:
 
 def _at(time_history: Callable[[float], Any], t: float) -> float:
     """Value of a function of t at a time; raises InputError if it is not finite."""
-    found = float(kinds.array(time_history(t), "constraint.value", shape=(), finite=False))
-    if not np.isfinite(found):
-        raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
-    return found
+    value = float(kinds.array(time_history(t), "constraint.value", shape=(), finite=False))
+    if not np.isfinite(value):
+        raise InputError("a prescribed value is not finite", value=f"{value} at t = {t:g}", key="constraint.value")
+    return value
 
 
 @dataclass
 class _Course:
-    """One component of the nodes of a constraint.
-
-    Attributes
-    ----------
-    constraint : Prescribed
-    component : int
-    places : ndarray of int
-        Flat indices in the field, components first.
-    last : float
-        Number of the last step in which it is prescribed.
-    first : ndarray, shape (places,)
-        Values at the start.
-    way : list of float
-        For a velocity, the displacement since the start after each step, as far as it has been computed.
-    """
+    """One component of the nodes of a constraint."""
 
     constraint: Prescribed
     component: int
-    places: np.ndarray
-    last: float
-    first: np.ndarray
-    way: list[float]
+    places: np.ndarray  # of int; flat indices in the field, components first
+    last: float  # number of the last step in which it is prescribed
+    first: np.ndarray  # shape (places,); values at the start
+    way: list[float]  # for a velocity, the displacement since the start after each step, as far as it has been computed
 
     def value_over(self, background: float) -> Callable[[float], float]:
         """The prescribed value less the background as a function of t, zero after the release."""
@@ -246,28 +233,9 @@ class _Course:
 
 
 class PrescribedNodes:
-    """The constraints of one run, and which of them still hold.
-
-    Parameters
-    ----------
-    constraints : sequence of Prescribed
-    lattice : Lattice
-    components : int
-        Number of components of the field.
-    integrator : Verlet or Euler
-    dt : float
-    background : float
-
-    Attributes
-    ----------
-    nodes : list of ndarray of int
-        Nodes of each constraint in the lattice.
-
-    Raises
-    ------
-    InputError
-        An integrator of several stages, two constraints on one node, a number of entries other than that of the field's
-        components, or what `Prescribed.nodes` refuses.
+    """The constraints of one run, and which of them still hold. Raises InputError for an integrator of several stages,
+    two constraints on one node, a number of entries other than that of the field's components, and what
+    `Prescribed.nodes` refuses.
     """
 
     def __init__(
@@ -294,9 +262,9 @@ class PrescribedNodes:
         self.nodes = [c.nodes(lattice) for c in constraints]
         size = int(np.prod(lattice.shape))
         self._held = [
-            _Course(one, number, nodes + number * size, one.last_step(dt), np.zeros(len(nodes)), [0.0])
-            for one, nodes in zip(constraints, self.nodes, strict=True)
-            for number, time_history in enumerate(one.time_history)
+            _Course(constraint, number, nodes + number * size, constraint.last_step(dt), np.zeros(len(nodes)), [0.0])
+            for constraint, nodes in zip(constraints, self.nodes, strict=True)
+            for number, time_history in enumerate(constraint.time_history)
             if time_history is not None
         ]
         everywhere = np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._held)])
@@ -315,8 +283,8 @@ class PrescribedNodes:
         return started
 
     def now(self, t: float) -> list[np.ndarray]:
-        """State at a time: for each prescribed component its value less the background, or its velocity, and 1; zeros
-        after its release.
+        """Return the state at a time: for each prescribed component its value less the background, or its velocity, and
+        1; zeros after its release.
         """
         return [
             np.array([held.value_over(self.background if held.constraint.velocity is None else 0.0)(t), 1.0])
@@ -353,17 +321,17 @@ class PrescribedNodes:
         return [i for i, constraint in enumerate(self.constraints) if step < constraint.last_step(self.dt)]
 
     def table(self, step: int, count: int) -> np.ndarray:
-        """Values of the held places after each of `count` steps from `step` on, less the background; shape (count,
-        places).
+        """Return the values of the held places after each of `count` steps from `step` on, less the background; shape
+        (count, places).
         """
         values = [
             np.broadcast_to(held.values(step, count, self.dt), (count, len(held.places))) for held in self._active(step)
         ]
         return np.concatenate([np.zeros((count, 0)), *values], axis=1) - self.background
 
-    def allow(self, step: int, wanted: int) -> int:
+    def allow(self, step: int, most: int) -> int:
         """How many of the `wanted` steps may be run before any nodes are released."""
-        return int(min([wanted, *(held.last - step for held in self._active(step))]))
+        return int(min([most, *(held.last - step for held in self._active(step))]))
 
     def released(self, step: int) -> list[tuple[np.ndarray, float]]:
         """Places in the field that are released at a step, and their velocities."""

@@ -111,12 +111,12 @@ class Pressure(Load):
         """Force per area as a tensor; raises InputError if its dimension differs from that of the lattice."""
         if isinstance(self.value, float):
             return float(self.value) * np.eye(dim)
-        found = np.array(self.value, float)
-        if len(found) != dim:
+        tensor = np.array(self.value, float)
+        if len(tensor) != dim:
             raise InputError(
-                "the tensor of a pressure has a row for each axis", value=len(found), limit=dim, key=f"{key}.value"
+                "the tensor of a pressure has a row for each axis", value=len(tensor), limit=dim, key=f"{key}.value"
             )
-        return found
+        return tensor
 
 
 def pressing_force(
@@ -128,33 +128,12 @@ def pressing_force(
     periodic: Mapping[int, bool],
     key: str = "load",
 ) -> np.ndarray:
-    """Force per volume of a pressure on the nodes of a lattice, without its factor of time.
+    """Return the force per volume of a pressure on the nodes of a lattice, or of a part of it, without its factor of
+    time; shape (dim, *lattice.shape).
 
-    Parameters
-    ----------
-    load : Pressure
-    lattice : Lattice
-        The whole lattice, or a part, to whose nodes the force is restricted.
-    model : LatticeModel
-        Model of the medium, or of its host where it varies.
-    cracks : sequence of Crack
-        All cracks of the set-up.
-    rim : {"free", "fixed"}
-        Surface of the body.
-    periodic : mapping of int to bool
-        Whether the lattice is periodic along each axis.
-    key : str
-        Name of the load in messages.
-
-    Returns
-    -------
-    ndarray, shape (dim, *lattice.shape)
-
-    Raises
-    ------
-    InputError
-        A medium without bonds that may be absent; bonds across the crack, or nodes in the hole, that exist; a face or a
-        rim that no absent bond crosses; a tensor of another dimension.
+    `model` is that of the reference medium where the medium varies, and `cracks` are all those of the set-up. Raises
+    InputError for a medium without bonds that may be absent; bonds across the crack, or nodes in the hole, that exist;
+    a face or a rim that no absent bond crosses; and a tensor of another dimension.
     """
     spacing, dim = lattice.spacing, lattice.dim
     if not model.cuttable:
@@ -172,32 +151,26 @@ def pressing_force(
         faces = _around(load.on, lattice.whole, offsets, rim, periodic, key)
     else:
         faces = _across(as_crack(load.on, dim).cut, lattice.whole, offsets, cracks, key)
-    found, met = np.zeros((dim, *lattice.shape)), False
+    force, met = np.zeros((dim, *lattice.shape)), False
     for nodes, pull in zip(faces, pulls, strict=True):
-        own = nodes - np.array(lattice.first)
-        own = own[((own >= 0) & (own < lattice.shape)).all(1)]
-        found[:, *own.T] -= pull[:, None]
+        own_nodes = nodes - np.array(lattice.first)
+        own_nodes = own_nodes[((own_nodes >= 0) & (own_nodes < lattice.shape)).all(1)]
+        force[:, *own_nodes.T] -= pull[:, None]
         met |= bool(len(nodes) and pull.any())
     if not met and load.tensor(dim, key).any():
         raise InputError(
             "the pressure meets no face", value=repr(load.on), key=f"{key}.on", remedy="a larger or another region"
         )
-    return found
+    return force
 
 
 def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """Forces of the bonds of a lattice under a uniform stress: force densities times the spacing, shape (K, dim).
+    """Return the forces of the bonds of a lattice under a uniform symmetric stress: force densities times the spacing,
+    shape (K, dim). `of_strains`, shape (K, dim, dim, dim), is the force of each bond for each entry of a displacement
+    gradient.
 
     Forces ``f_k`` of bonds ``xi_k`` amount to a stress ``sum_k f_k xi_k / 2``. The strain is chosen for this stress, so
     that flat faces along the lattice carry exactly the given one, whatever the stencil.
-
-    Parameters
-    ----------
-    offsets : ndarray, shape (K, dim)
-    of_strains : ndarray, shape (K, dim, dim, dim)
-        Force of each bond for each entry of a displacement gradient.
-    stress : ndarray, shape (dim, dim)
-        Symmetric.
     """
     dim = offsets.shape[1]
     pairs = list(itertools.combinations_with_replacement(range(dim), 2))
@@ -207,8 +180,8 @@ def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.
     forces = np.einsum("kacd,ncd->nka", of_strains, strains)
     stresses = np.einsum("nka,kb->nab", forces, offsets) / 2
     stresses = (stresses + stresses.swapaxes(1, 2)) / 2
-    table, wanted = (np.stack([one[..., a, b] for a, b in pairs]) for one in (stresses, stress))
-    return np.asarray(np.einsum("n,nka->ka", np.linalg.solve(table, wanted), forces))
+    table, asked = (np.stack([tensor[..., a, b] for a, b in pairs]) for tensor in (stresses, stress))
+    return np.asarray(np.einsum("n,nka->ka", np.linalg.solve(table, asked), forces))
 
 
 def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarray:
@@ -216,27 +189,27 @@ def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarr
     if states is None:
         assert stencil is not None
         return np.einsum("kab,kc->kabc", stencil.weights, stencil.offsets)
-    whole = np.eye(states.offsets.shape[1])[None]
-    law = states.law(whole, np.array([states.moduli]))[0]
+    shape_tensor = np.eye(states.offsets.shape[1])[None]
+    law = states.law(shape_tensor, np.array([states.moduli]))[0]
     state = np.einsum("knb,kc->nbc", states.gradient, states.offsets)
     bonds = np.einsum("kab,kc->kabc", states.bonds, states.offsets)
     return np.asarray(bonds + 2 * np.einsum("kan,nm,mbc->kabc", states.divergence, law, state))
 
 
 def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Crack], key: str) -> _Faces:
-    """For each offset, the nodes whose bond the crack cuts; raises InputError if no crack of the set-up cuts such a
-    bond.
+    """Yield, for each offset, the nodes whose bond the crack cuts; raises InputError if no crack of the set-up cuts
+    such a bond.
     """
-    whole = [crack.cut for crack in cracks if crack.factor == 0]
+    severing = [crack.cut for crack in cracks if crack.factor == 0]
     for offset in offsets:
         nodes, _ = cut_bonds(cut, lattice.lower, lattice.spacing, lattice.shape, offset[None])
         nodes = nodes[((nodes + offset >= 0) & (nodes + offset < lattice.shape)).all(1)]
         if lattice.mask is not None:
             nodes = nodes[lattice.mask[tuple(nodes.T)] & lattice.mask[tuple((nodes + offset).T)]]
-        ends = [lattice.lower + lattice.spacing * one for one in (nodes, nodes + offset)]
+        ends = [lattice.lower + lattice.spacing * indices for indices in (nodes, nodes + offset)]
         severed = np.zeros(len(nodes), bool)
-        for one in whole:
-            severed |= one.cuts(*ends)
+        for severing_cut in severing:
+            severed |= severing_cut.cuts(*ends)
         if not severed.all():
             raise InputError(
                 "a pressure acts on the faces of a crack",
@@ -251,8 +224,8 @@ def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Cr
 def _around(
     hole: Shape, lattice: Lattice, offsets: np.ndarray, rim: str, periodic: Mapping[int, bool], key: str
 ) -> _Faces:
-    """For each offset, the nodes of the body with a bond into a hole; raises InputError if the hole contains nodes, or
-    its rim is not free.
+    """Yield, for each offset, the nodes of the body with a bond into a hole; raises InputError if the hole contains
+    nodes, or its rim is not free.
     """
     inside = nodes_in(hole, lattice, f"{key}.on")
     body = np.ones(lattice.shape, bool) if lattice.existing is None else lattice.existing
@@ -264,11 +237,11 @@ def _around(
             remedy='a shape that the lattice\'s body leaves out, with rim = "free"',
         )
     for offset in offsets:
-        across, there = inside, np.ones(lattice.shape, bool)
+        across, has_neighbour = inside, np.ones(lattice.shape, bool)
         for axis, (step, n) in enumerate(zip(offset.tolist(), lattice.shape, strict=True)):
             across = np.roll(across, -step, axis)
             if step and not periodic[axis]:
                 beyond = np.arange(n) + step
                 shape = [-1 if a == axis else 1 for a in range(lattice.dim)]
-                there = there & ((beyond >= 0) & (beyond < n)).reshape(shape)
-        yield np.argwhere(body & across & there)
+                has_neighbour = has_neighbour & ((beyond >= 0) & (beyond < n)).reshape(shape)
+        yield np.argwhere(body & across & has_neighbour)

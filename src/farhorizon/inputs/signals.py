@@ -414,12 +414,12 @@ class Chirp(Signal):
         """Complex spectrum at frequencies in cycles per time, of the same shape as these, by Fresnel integrals."""
         f, length = np.asarray(frequency, float), self.duration
         rate = (self.last - self.first) / length
-        found = np.zeros(f.shape, complex)
+        amplitudes = np.zeros(f.shape, complex)
         for m, weight in _HANN:
             up = _sweep(self.first + m / length - f, rate, length)
             down = _sweep(-self.first + m / length - f, -rate, length)
-            found += weight * (up - down) / 2j
-        return found
+            amplitudes += weight * (up - down) / 2j
+        return amplitudes
 
 
 def _sweep(frequency: np.ndarray, rate: float, length: float) -> np.ndarray:
@@ -477,8 +477,8 @@ class Samples(Signal):
         dt = _number(self.dt, self, "dt", above=0)
         given = self.values
         with naming(given):
-            found = _read(Path(given), dt) if isinstance(given, str | Path) else given
-            values = _checked(kinds.array(found, "samples.values"))
+            values = _read(Path(given), dt) if isinstance(given, str | Path) else given
+            values = _checked(kinds.array(values, "samples.values"))
         kinds.set_fields(self, values=values, dt=dt)
 
     @property
@@ -497,7 +497,9 @@ class Samples(Signal):
         f = np.asarray(frequency, float)
         indices = np.arange(len(self._coefficients))
         # one by one: a table of all would be as large as the number of frequencies times that of samples
-        sums = [(self._coefficients * np.exp(-2j * np.pi * one * self.dt * indices)).sum() for one in f.ravel()]
+        sums = [
+            (self._coefficients * np.exp(-2j * np.pi * frequency * self.dt * indices)).sum() for frequency in f.ravel()
+        ]
         early = np.exp(2j * np.pi * f * _PAD * self.dt)  # the first coefficient is that of an added sample
         return self._whole(np.reshape(sums, f.shape), f) * early
 
@@ -536,13 +538,7 @@ class Samples(Signal):
 
 
 class Delayed(Signal, offered=False):
-    """A signal with a delay, as emitted by one element of an array.
-
-    Parameters
-    ----------
-    signal : Signal
-    delay : float
-    """
+    """A signal with a delay, as emitted by one element of an array."""
 
     def __init__(self, signal: Signal, delay: float) -> None:
         self.signal, self.delay = signal, delay
@@ -593,12 +589,12 @@ def _read(path: Path, dt: float) -> np.ndarray:
     """The samples in a file, which contains no times or those of samples `dt` apart."""
     with reading(path, "the samples", "samples.values", "one number a line, or a .npy file"):
         if path.suffix.lower() == ".npy":
-            found = npy(path)
+            values = npy(path)
         else:
-            found = np.loadtxt(path.read_text(encoding="utf-8").replace(",", " ").splitlines(), ndmin=1)
-    if found.ndim != 2 or found.shape[1] != 2:
-        return np.asarray(found)
-    times, values = kinds.array(found, "samples.values").T
+            values = np.loadtxt(path.read_text(encoding="utf-8").replace(",", " ").splitlines(), ndmin=1)
+    if values.ndim != 2 or values.shape[1] != 2:
+        return np.asarray(values)
+    times, values = kinds.array(values, "samples.values").T
     if np.abs(times - dt * np.arange(len(times))).max() > 1e-3 * dt:
         step = (times[-1] - times[0]) / max(len(times) - 1, 1)
         raise InputError(

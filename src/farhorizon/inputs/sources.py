@@ -67,25 +67,20 @@ def steady(t: float) -> float:
 
 def as_source(source: Any, dim: int, key: str) -> Any:
     """Return a source, or a value that is given like one, with every text turned into an `Expression` of the lattice's
-    coordinates.
-
-    Raises
-    ------
-    InputError
-        A text that is not an expression, a function of arguments other than the coordinates and t, or, where there is a
-        factor of time, other than the coordinates.
+    coordinates; raises InputError for a text that is not an expression, and a function of arguments other than the
+    coordinates and t, or, where there is a factor of time, other than the coordinates.
     """
     value, timed = (source.value, source.time is not None) if isinstance(source, Source) else (source, False)
-    found = as_given(value, dim, key)
-    for entry in found if isinstance(found, list | tuple) else [found]:
+    parsed = as_given(value, dim, key)
+    for entry in parsed if isinstance(parsed, list | tuple) else [parsed]:
         if callable(entry) and not isinstance(entry, Expression):
             kinds.function(entry, key, ", ".join(AXES[:dim]) + ("" if timed else ", t"))
-    return replace(source, value=found) if isinstance(source, Source) else found
+    return replace(source, value=parsed) if isinstance(source, Source) else parsed
 
 
 def space_and_time(source: Any) -> tuple[Any, Callable[..., Any]]:
-    """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None,
-    s(*coordinates, t)).
+    """Return (space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or
+    (None, s(*coordinates, t)).
     """
     if not isinstance(source, Source):
         source = Source(source)
@@ -95,20 +90,16 @@ def space_and_time(source: Any) -> tuple[Any, Callable[..., Any]]:
         factor = time or steady
         if both is None:
             return None, lambda *at: value(*at[:-1], t=at[-1]) * factor(at[-1])
-        space, own = both
-        return space, lambda t: float(own(t=t)) * factor(t)
+        space, history = both
+        return space, lambda t: float(history(t=t)) * factor(t)
     if callable(value) and time is None:
         return None, value
     return value, time or steady
 
 
 def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarray | None, Callable[..., Any]]:
-    """(space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the field's shape.
-
-    Raises
-    ------
-    InputError
-        An array of another shape, or values that are not finite.
+    """Return (space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the field's shape;
+    raises InputError for an array of another shape, and values that are not finite.
     """
     space, time = space_and_time(source)
     if space is None:
@@ -132,8 +123,8 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
             remedy="0 for a component that is not driven",
         )
     units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
-    found = [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
-    return [pair for pair in found if not _is_zero(pair[0].value)] or found
+    pairs = [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
+    return [pair for pair in pairs if not _is_zero(pair[0].value)] or pairs
 
 
 def _is_zero(value: Any) -> bool:
@@ -144,20 +135,16 @@ def _is_zero(value: Any) -> bool:
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
-    """Values on the nodes from an array, a callable or a number, or one of these per component: of the lattice's shape,
-    for vectors with the components first.
-
-    Raises
-    ------
-    InputError
-        As in `checked`, or a number of components other than that of the field.
+    """Return values on the nodes from an array, a callable or a number, or one of these per component: of the lattice's
+    shape, for vectors with the components first. Raises InputError as `checked`, and for a number of components other
+    than that of the field.
     """
-    found = value(*lattice.coordinates()) if callable(value) else value
+    values = value(*lattice.coordinates()) if callable(value) else value
     if components == 1:
-        return checked(found, lattice, key)
+        return checked(values, lattice, key)
     entries = (
-        len(found)
-        if isinstance(found, list | tuple) or (isinstance(found, np.ndarray) and found.ndim > lattice.dim)
+        len(values)
+        if isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim > lattice.dim)
         else None
     )
     if entries != components:
@@ -168,7 +155,7 @@ def field(value: Any, lattice: Lattice, components: int, key: str = "source") ->
             key=key,
             remedy=_listed(components, lattice.dim),
         )
-    return np.stack([field(part, lattice, 1, f"{key}[{i}]") for i, part in enumerate(found)])
+    return np.stack([field(part, lattice, 1, f"{key}[{i}]") for i, part in enumerate(values)])
 
 
 def _listed(components: int, dim: int) -> str:
@@ -181,10 +168,10 @@ def largest_component(value: Any) -> Callable[..., np.ndarray]:
     """Largest magnitude of any component of what `field` accepts, as a function of the coordinates (and t)."""
 
     def largest(*at: Any) -> np.ndarray:
-        found = value(*at) if callable(value) else value
+        values = value(*at) if callable(value) else value
         entries = [
             entry(*at) if callable(entry) else entry
-            for entry in (found if isinstance(found, list | tuple) else [found])
+            for entry in (values if isinstance(values, list | tuple) else [values])
         ]
         sizes = [np.abs(np.asarray(entry, float)) for entry in entries]
         sizes = [

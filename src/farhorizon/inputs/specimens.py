@@ -57,18 +57,18 @@ class Specimen(Storable):
         unless the lattice is a part of another one, or if shape and lattice are incompatible.
         """
         if isinstance(self.where, Shape):
-            found = nodes_in(self.where, lattice, f"{key}.where")
+            nodes = nodes_in(self.where, lattice, f"{key}.where")
         else:
-            found = np.asarray(self.where)
-            if found.shape != lattice.shape:
+            nodes = np.asarray(self.where)
+            if nodes.shape != lattice.shape:
                 raise InputError(
-                    "a mask must have the lattice's shape", value=found.shape, limit=lattice.shape, key=f"{key}.where"
+                    "a mask must have the lattice's shape", value=nodes.shape, limit=lattice.shape, key=f"{key}.where"
                 )
         if lattice.existing is not None:
-            found = found & lattice.existing
+            nodes = nodes & lattice.existing
         if lattice.whole is lattice:
-            check_held(bool(found.any()), key)
-        return found
+            check_held(bool(nodes.any()), key)
+        return nodes
 
 
 def check_held(any_node: bool, key: str) -> None:
@@ -84,28 +84,9 @@ def check_held(any_node: bool, key: str) -> None:
 def place(
     specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the solid nodes and the concentration on them.
-
-    Parameters
-    ----------
-    specimens : sequence of Specimen
-    lattice : Lattice
-    saturation : float
-        Must lie between the concentrations of the liquid far away and of each specimen, either excluded.
-    background : float
-        Concentration of the liquid far away.
-
-    Returns
-    -------
-    solid : ndarray of bool, of the lattice's shape
-    concentration : ndarray, of the lattice's shape
-        Zero in the liquid.
-
-    Raises
-    ------
-    InputError
-        An object that is not a specimen, a specimen without nodes, two different ones on one node, a saturation out of
-        range.
+    """Return the solid nodes and the concentration on them, zero in the liquid, both of the lattice's shape. Raises
+    InputError for anything but a specimen, one without nodes, two different ones on one node, and a saturation that is
+    not between the concentrations of the liquid far away, `background`, and of each specimen.
     """
     solid, concentration = np.zeros(lattice.shape, bool), np.zeros(lattice.shape)
     for number, specimen in enumerate(specimens):

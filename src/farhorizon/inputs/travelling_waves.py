@@ -1,23 +1,27 @@
-"""Base of the waves that travel in a direction with a signal: plane waves and waves along a surface."""
+"""Waves that travel in a direction with a signal: plane waves, and Rayleigh waves along a free surface."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.surface_pulses import SurfacePulse
+from farhorizon.analysis.references.pulse import PlanePulse, sampled
+from farhorizon.analysis.surface_pulses import SurfacePulse, rayleigh_pulse, reflected_pulse
 from farhorizon.arguments import Duration, OfTime
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.expressions import as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
 from farhorizon.medium.free_side import FreeSide
 
+_POLARISATIONS = ("P", "S")
+_ALONG = 1e-9  # component of a unit vector along a normal up to which a wave runs along the side
 _SAID = 1e-9  # part of a signal above which there is a note
 _MOMENTS = 257  # times at which the middle of a box is sampled
 
@@ -88,14 +92,7 @@ class TravellingWave(Incident):
 
 
 class SurfacePassage(Passage):
-    """A pulse in a half-space.
-
-    Parameters
-    ----------
-    pulse : SurfacePulse
-    region : Region
-    end : FreeSide
-    """
+    """A pulse in a half-space."""
 
     def __init__(self, pulse: SurfacePulse, region: Region, end: FreeSide) -> None:
         self._pulse, self._region, self._end = pulse, region, end
@@ -109,9 +106,7 @@ class SurfacePassage(Passage):
 
     @cached_property
     def midway(self) -> float:
-        """Time at which the wave is strongest in the middle of the box: its tails may be far longer than its
-        passage.
-        """
+        """Time at which the wave is strongest in the middle of the box: its tails may be far longer."""
         value = self.at((self._region.first + self._region.last)[None] // 2)
         return max(np.linspace(0, self.period, _MOMENTS).tolist(), key=lambda t: float(np.abs(value(t)).max()))
 
@@ -141,3 +136,234 @@ def _as_direction(direction: Any) -> Any:
             remedy="(1, 0) in two dimensions for a wave along x",
         )
     return direction
+
+
+@dataclass(frozen=True)
+class IncidentWave(TravellingWave):
+    r"""A plane wave that is incident on whatever is inside a box, exact on the lattice.
+
+    Inside the box `within` the field is the total field, outside it only the scattered field, which the absorbing sides
+    absorb. On the faces of the box the two are joined by the sources :math:`\chi L u_i - L (\chi u_i)`, where the
+    incident wave :math:`u_i` is a sum of the lattice's own plane waves and :math:`\chi` is 1 inside and 0 outside:
+    without a scatterer nothing leaves the box except rounding errors.
+
+    Parameters
+    ----------
+    direction : sequence of float
+        Direction of propagation; its length is irrelevant.
+    signal : callable, str or Expression
+        Displacement as a function of t at the point where the wave first meets the box.
+    duration : float
+        Duration of the signal, which is zero before 0 and after this time.
+    polarisation : "P", "S" or sequence of float
+        For elastic waves. In three dimensions an S wave requires the direction of its displacement, perpendicular to
+        `direction`.
+    within : Box, optional
+        Unless given, the near field minus two reaches of the stencil; if the wave travels towards a free side, the box
+        extends to that side, and the incident wave includes everything that the surface reflects. The box must contain
+        everything that scatters, at least two reaches inside its faces.
+
+    Raises
+    ------
+    InputError
+        A direction of zero length, a duration that is not positive, a signal that is not a function of t, an unknown
+        polarisation.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> plane = fh.IncidentWave((1.0, 0.0), "exp(-(t - 6)**2/2)", duration=12.0)
+    >>> lattice = fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0))
+    >>> notch = [[(0.25, -1.0), (0.25, 1.0)]]
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[plane], cracks=notch)
+    >>> len(sim.incident)
+    1
+    """
+
+    polarisation: str | Sequence[float] = "P"
+    within: Box | None = None
+
+    plane: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.polarisation, str):
+            kinds.one_of(self.polarisation, "incident.polarisation", _POLARISATIONS, "unknown polarisation")
+        else:
+            kinds.array(self.polarisation, "incident.polarisation", shape=(None,))
+
+    def start(self, region: Region) -> float:
+        """Coordinate along its direction at which the wave first meets the box and has the given signal."""
+        return self.way(region)[0]
+
+    def surface_met(self, free: Sequence[End]) -> End | None:
+        """The free side towards which the wave travels, if there is exactly one."""
+        met = [(axis, side) for axis, side in free if side * self.along[axis] > _ALONG]
+        return met[0] if len(met) == 1 else None
+
+    def passage(self, region: Region) -> Passage:
+        """The wave in the open medium, or including its reflection from the free side of the box."""
+        if region.end is None:
+            return _PlanePassage(self, region)
+        pulse = reflected_pulse(
+            region.under(region.end),
+            lambda period: self.pulse(region, period),
+            self.along,
+            self.way(region),
+            sampled(self.at, self.duration, region.scheme.dt),
+        )
+        return SurfacePassage(pulse, region, region.end)
+
+    def pulse(self, region: Region, period: float | None = None) -> PlanePulse:
+        """The wave in the open medium, repeated with a period; by default, it is repeated once it has passed."""
+        scheme, spacing = region.scheme, region.lattice.spacing
+        begin, end = self.way(region)
+        return PlanePulse(
+            scheme.stencil,
+            scheme.rate * spacing**2,
+            spacing,
+            scheme.dt,
+            self.along,
+            self.vector(scheme.stencil.components),
+            self.at,
+            self.duration,
+            end - begin,
+            period,
+        )
+
+    def vector(self, components: int) -> np.ndarray | None:
+        """Unit vector of the displacement; None for scalar fields.
+
+        Raises
+        ------
+        InputError
+            A displacement that is neither parallel nor perpendicular to the direction; "S" in three dimensions.
+        """
+        if components == 1:
+            return None
+        along = self.along
+        if self.polarisation == "P":
+            return along
+        if self.polarisation == "S":
+            if components == 3:
+                raise InputError(
+                    "an S wave in three dimensions needs the direction of its displacement",
+                    value="S",
+                    key="incident.polarisation",
+                    limit="a vector at right angles to the direction",
+                    remedy="polarisation = [...]",
+                )
+            return np.array([-along[1], along[0]])
+        vector = np.asarray(self.polarisation, float)
+        length = float(np.linalg.norm(vector))
+        if vector.shape != along.shape or not length > 0:
+            raise InputError(
+                "a polarisation has one component an axis, not all zero",
+                value=self.polarisation,
+                limit=f"{along.size} components",
+                key="incident.polarisation",
+                remedy='"P", "S" or the direction of the displacement',
+            )
+        vector = vector / length
+        if 1e-6 < abs(vector @ along) < 1 - 1e-6:  # six digits are typed
+            raise InputError(
+                "a wave's displacement is along its direction (P) or at right angles to it (S)",
+                value=self.polarisation,
+                limit=f"direction {along.tolist()}",
+                key="incident.polarisation",
+                remedy="a wave for each part of it",
+            )
+        return vector
+
+
+class _PlanePassage(Passage):
+    """A plane wave in the open medium."""
+
+    rests = True
+
+    def __init__(self, wave: IncidentWave, region: Region) -> None:
+        self._region, self._start, self._along = region, wave.start(region), wave.along
+        self.pulse = wave.pulse(region)
+        self.period = self.pulse.period
+        self._duration = wave.duration
+        self.notes = lost_notes(self.pulse.lost)
+
+    @property
+    def midway(self) -> float:
+        return (self._duration + self.pulse.distance / self.pulse.speed) / 2
+
+    def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
+        return self.pulse.at(self._region.places(nodes) @ self._along - self._start)
+
+
+@dataclass(frozen=True)
+class RayleighWave(TravellingWave):
+    """A surface wave incident along a free surface of an elastic medium, exact on the lattice: at each frequency, the
+    mode of the half-infinite lattice that decays downwards.
+
+    Parameters
+    ----------
+    direction : sequence of float
+        Direction of propagation along the surface; its length is irrelevant.
+    signal : callable, str or Expression
+        Displacement of the surface along its outward normal as a function of t, at the point where the wave first meets
+        the box.
+    duration : float
+        Duration of the signal, which is zero before 0 and after this time.
+    within : Box, optional
+        Box that stands on the free side, otherwise as in `IncidentWave`. Unless given, it stands on the only free side
+        parallel to the direction.
+
+    Raises
+    ------
+    InputError
+        A direction of zero length, a duration that is not positive, a signal that is not a function of t. When the
+        simulation is created: a box that does not stand on a free side parallel to the direction, a scalar field,
+        frequencies at which no such wave exists.
+
+    Notes
+    -----
+    The displacement along the surface is a Hilbert transform of the signal, which has a tail before and after it. Over
+    a depth of one horizon the surface of a lattice is softer than that of the continuum, so that short waves are slower
+    (Lord Rayleigh, Proc. Lond. Math. Soc. 17 (1885) 4, gives the speed of long ones).
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> along = fh.RayleighWave((1.0, 0.0), "sin(t/3)*exp(-((t - 40)/8)**2)", duration=80.0)
+    >>> ground = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 0.0))
+    >>> half_space = {"all": fh.LatticePML(), "y+": fh.Free()}
+    >>> sim = fh.Simulation(ground, fh.Elastic(fh.Kernel(2.0), young=1.0), half_space, sources=[along])
+    >>> len(sim.incident)
+    1
+    """
+
+    within: Box | None = None
+
+    def surface_met(self, free: Sequence[End]) -> End | None:
+        """The free side along which the wave travels, if there is exactly one."""
+        met = [(axis, side) for axis, side in free if abs(self.along[axis]) < _ALONG]
+        return met[0] if len(met) == 1 else None
+
+    def passage(self, region: Region) -> Passage:
+        """The wave below the free side on which its box stands."""
+        end = region.end
+        if end is None or abs(self.along[end.axis]) > _ALONG:
+            raise InputError(
+                "a Rayleigh wave runs along a free side, on which its box stands",
+                value=self.along.tolist(),
+                limit="along a Free side that the box reaches",
+                key="incident.direction",
+                remedy="a Free side, a direction along it, and a box that reaches it",
+            )
+        if region.scheme.stencil.components == 1:
+            raise InputError(
+                "a scalar field has no Rayleigh waves",
+                value="1 component",
+                limit="Elastic",
+                key="incident",
+                remedy="an Elastic medium",
+            )
+        samples = sampled(self.at, self.duration, region.scheme.dt)
+        pulse = rayleigh_pulse(region.under(end), self.along, self.way(region), samples)
+        return SurfacePassage(pulse, region, end)

@@ -9,25 +9,19 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from farhorizon import InputError
 from farhorizon.analysis.exact.chain import Recursion, ground
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
-from farhorizon.errors import InputError
 from farhorizon.papers.bar_loops import BarEnds, HeldNodes, bar_acceleration, bar_steps
 
 _CHUNK = 1024  # steps per call of the compiled loop if there is no convolution
 
 
 def bonds_of(weights: np.ndarray, nodes: int, coefficient: np.ndarray | None = None) -> np.ndarray:
-    """Bonds of a row of nodes, shape (K, nodes): entry (k - 1, i) joins i and i + k, and is 0 if i + k is beyond the
-    end.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-    nodes : int
-    coefficient : ndarray, shape (nodes,), optional
-        Multiplies each bond by the smaller of the values at its two nodes.
+    """Bonds of a row of nodes, shape (K, nodes), from the weights a_1 .. a_K: entry (k - 1, i) joins i and i + k, and
+    is 0 if i + k is beyond the end. A coefficient of each node multiplies each bond by the smaller of the values at its
+    two nodes.
     """
     bonds = np.zeros((weights.size, nodes))
     for k in range(1, min(weights.size, nodes - 1) + 1):
@@ -40,31 +34,10 @@ def bonds_of(weights: np.ndarray, nodes: int, coefficient: np.ndarray | None = N
 class Bar:
     """A row of nodes with ends that are free or exact.
 
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-        Stencil a_1 .. a_K of the medium beyond the ends.
-    recursion : Recursion
-    u : ndarray, shape (N,)
-        Initial values; zero beyond exact ends.
-    increment : ndarray, shape (N,), optional
-        Initial velocity times dt.
-    bonds : ndarray, shape (K, N), optional
-        `bonds_of` a homogeneous bar if not given.
-    ends : pair, left and right
-        None for a free end; a force kernel (`chain.force_form`) of shape (steps + 1, K, K), which is convolved in
-        blocks; or an `ExponentialSum`.
-    held : mapping of int to callable, optional
-        Nodes with prescribed values, each with its value as a function of the step; see also `release`.
-    first : float, optional
-        Weight of the sample at step 0; `recursion.first` if not given.
-    block : int or None
-        Number of steps per block of the convolutions.
-
-    Raises
-    ------
-    InputError
-        The bar has fewer nodes than the reach of the stencil.
+    The stencil a_1 .. a_K is that of the medium beyond the ends; the increment is the initial velocity times dt. An end
+    is None (free), a force kernel (`chain.force_form`) of shape (steps + 1, K, K), which is convolved in blocks of
+    `block` steps, or an `ExponentialSum`. Held nodes have prescribed values as functions of the step, see also
+    `release`. The sample at step 0 has the weight `first`, that of the recursion unless given.
     """
 
     def __init__(
@@ -106,10 +79,14 @@ class Bar:
         most = max((s.modes for s in self.sums if s is not None), default=0)
         poles, states = np.zeros((2, 2, most), complex)
         inputs, outputs = np.zeros((2, 2, most, reach), complex)
-        for side, found in enumerate(self.sums):
-            if found is not None:
-                used = slice(found.modes)
-                poles[side, used], inputs[side, used], outputs[side, used] = found.poles, found.inputs, found.outputs
+        for side, response in enumerate(self.sums):
+            if response is not None:
+                used = slice(response.modes)
+                poles[side, used], inputs[side, used], outputs[side, used] = (
+                    response.poles,
+                    response.inputs,
+                    response.outputs,
+                )
         return poles, inputs, outputs, states
 
     def acceleration(self) -> np.ndarray:
@@ -127,22 +104,16 @@ class Bar:
         self.d = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()
 
     def exchange(self, sums: Sequence[ExponentialSum | None], histories: Sequence[np.ndarray]) -> None:
-        """Replace the sums by ones that hold for more steps, given the history of the drivers so far.
-
-        Parameters
-        ----------
-        sums : pair of ExponentialSum or None
-        histories : pair of ndarray, shape (step, K)
-            Values of the K drivers, numbered from the end inwards, at steps 0 .. step - 1; the first multiplied by its
-            weight.
+        """Replace the sums by ones that hold for more steps, given the history of the K drivers of each side so far,
+        numbered from the end inwards, of shape (step, K), the first sample multiplied by its weight.
         """
         self.sums = list(sums)
         names = ("poles", "inputs", "outputs", "states")
         modes = self._modes(self._ends.grounds.shape[1])
         self._ends = self._ends._replace(**dict(zip(names, modes, strict=True)))
-        for side, found in enumerate(self.sums):
-            if found is not None:
-                self._ends.states[side, : found.modes] = found.replay(histories[side])
+        for side, response in enumerate(self.sums):
+            if response is not None:
+                self._ends.states[side, : response.modes] = response.replay(histories[side])
 
     def release(self, node: int, increment: float) -> None:
         """Release a held node that is not a driver; `increment` is its velocity times dt."""
@@ -151,13 +122,7 @@ class Bar:
         self.d[node] = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()[node]
 
     def run(self, steps: int) -> np.ndarray:
-        """Advance by a number of steps and return u, shape (N,).
-
-        Raises
-        ------
-        InputError
-            The run exceeds the number of steps of a kernel or a sum.
-        """
+        """Advance by a number of steps and return u, shape (N,); InputError if a kernel or a sum ends before."""
         limit = min(
             [s.steps for s in self.sums if s is not None] + [h.steps for h in self.histories if h is not None],
             default=None,

@@ -29,14 +29,7 @@ def bar_acceleration(u: np.ndarray, bonds: np.ndarray, out: np.ndarray) -> None:
 
 
 class HeldNodes(NamedTuple):
-    """Nodes of a bar with prescribed values.
-
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (h,)
-    values : ndarray, shape (count, h)
-        Values after each step.
-    """
+    """Nodes of a bar with prescribed values, shape (h,), and their values after each step, shape (count, h)."""
 
     nodes: np.ndarray
     values: np.ndarray
@@ -83,30 +76,19 @@ def bar_steps(
     offset: int,
     count: int,
 ) -> None:
-    """Advance a bar by `count` steps, starting at step `offset` of a block.
-
-    Parameters
-    ----------
-    u, d : ndarray, shape (N,)
-        State and increment, updated in place.
-    bonds : ndarray, shape (K, N)
-    keep, scale : float
-    held : HeldNodes
-    ends : BarEnds
-    first : float
-        Weight of the first sample of this call.
-    offset, count : int
+    """Advance the state u and the increment d of a bar, shape (N,), in place by `count` steps, starting at step
+    `offset` of a block; the first sample of this call has the weight `first`.
     """
     grounds, heads, past, samples, poles, inputs, outputs, states = ends
     reach, size = bonds.shape[0], u.size
     force = np.empty(size)
     for step in range(offset, offset + count):
         bar_acceleration(u, bonds, force)
-        share = first if step == offset else 1.0
+        weight = first if step == offset else 1.0
         for side in range(2):
             for m in range(reach):
                 node = m if side == 0 else size - 1 - m
-                samples[side, step, m] = share * u[node]
+                samples[side, step, m] = weight * u[node]
                 total = past[side, step, m] - grounds[side, m] * u[node]
                 for p in range(poles.shape[1]):
                     total += (
@@ -170,9 +152,9 @@ def recursive_impulse(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
         t = step * dt
         _recursion_slope(state, weights, t, work, slopes[0])
         for stage in range(1, 4):
-            share = dt if stage == 3 else dt / 2
-            trial[:] = state + share * slopes[stage - 1]
-            _recursion_slope(trial, weights, t + share, work, slopes[stage])
+            ahead = dt if stage == 3 else dt / 2
+            trial[:] = state + ahead * slopes[stage - 1]
+            _recursion_slope(trial, weights, t + ahead, work, slopes[stage])
         state += dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
         g[step + 1] = state[0]
     return g

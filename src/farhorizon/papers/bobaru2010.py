@@ -20,17 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
+from farhorizon import Flux, Free, Heat, Insulated, Kernel, Lattice, RungeKuttaChebyshev, Simulation, Temperature
 from farhorizon.analysis.references.classical import End, Slab
-from farhorizon.boundaries import Free
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.conditions import Constraint, Flux, Insulated, Temperature
-from farhorizon.medium.integrators import Integrator, RungeKuttaChebyshev
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Heat
+from farhorizon.papers.horizons import Study, over_horizons
 from farhorizon.papers.reproductions import LINE, reproduction
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
-from farhorizon.studies.horizons import Study, over_horizons
 
 PAPER = "Bobaru, Duangpanya (2010), The peridynamic formulation for transient heat conduction"
 GRID = (
@@ -62,12 +56,7 @@ SLOPES = {
 
 @dataclass(frozen=True)
 class DiffusionExample:
-    """One of the paper's bars.
-
-    Attributes
-    ----------
-    number : {1, 2, 3}
-    """
+    """One of the paper's bars, 1 to 3."""
 
     number: int
 
@@ -85,7 +74,7 @@ class DiffusionExample:
             return Slab(10.0, DIFFUSIVITY, [(0, 5, 60.0)], End(0.0, slope=True), End(100.0))
         return Slab(np.pi, DIFFUSIVITY, [], End(20.0), End(3.0, slope=True))
 
-    def conditions(self, kind: str = "node") -> list[Constraint]:
+    def conditions(self, kind: str = "node") -> list[Temperature | Flux | Insulated]:
         """Conditions of the paper; with kind "volume" the temperature is prescribed on a layer beyond the bar."""
         if self.number == 1:
             return [Temperature("x-", 0.0, kind), Temperature("x+", 0.0, kind)]
@@ -94,27 +83,10 @@ class DiffusionExample:
         return [Temperature("x-", 20.0, kind), Flux("x+", 3 * DIFFUSIVITY, "layer")]
 
     def simulation(
-        self,
-        kernel: str,
-        horizon: float,
-        ratio: int,
-        dt: float,
-        *,
-        integrator: Integrator | None = None,
-        kind: str = "node",
+        self, kernel: str, horizon: float, ratio: int, dt: float, *, kind: str = "node"
     ) -> tuple[Simulation, slice]:
-        """The bar on a grid, and the slice of the nodes that belong to it.
-
-        Parameters
-        ----------
-        kernel : {"constant", "triangular"}
-        horizon : float
-        ratio : int
-            m, the number of grid spacings in the horizon; the grid has ``L m / horizon`` nodes, rounded.
-        dt : float
-        integrator : Integrator, optional
-            If not given, Runge-Kutta-Chebyshev with as many stages as dt requires.
-        kind : {"node", "volume"}
+        """The bar on a grid of ``L m / horizon`` nodes, rounded, where m is the number of spacings in the horizon, and
+        the slice of the nodes that belong to it; Runge-Kutta-Chebyshev with as many stages as dt requires.
         """
         nodes = round(self.length * ratio / horizon)
         spacing = self.length / nodes
@@ -123,8 +95,7 @@ class DiffusionExample:
         model = Heat(
             operator,
             conductivity=DIFFUSIVITY,
-            integrator=integrator
-            or RungeKuttaChebyshev.for_step(dt, stencil.symbol_maximum * DIFFUSIVITY / spacing**2),
+            integrator=RungeKuttaChebyshev.for_step(dt, stencil.symbol_maximum * DIFFUSIVITY / spacing**2),
         )
         held = self.conditions(kind)
         beyond = [0 if isinstance(c, Temperature) and kind == "node" else stencil.reach[0] for c in held]
@@ -142,9 +113,9 @@ def _settings(nodes: int | None, dt: float) -> list[Setting]:
     return [*grid, Setting("time step (s)", dt, 1e-6, note)]
 
 
-def difference(found: np.ndarray, classical: np.ndarray) -> float:
+def difference(computed: np.ndarray, classical: np.ndarray) -> float:
     """Difference that the paper plots for eq. 45: 1/N times the norm of the relative differences."""
-    return float(np.sqrt((((classical - found) / classical) ** 2).sum()) / found.size)
+    return float(np.sqrt((((classical - computed) / classical) ** 2).sum()) / computed.size)
 
 
 @cache

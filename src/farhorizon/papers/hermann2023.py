@@ -23,17 +23,25 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from farhorizon.analysis.modes import discrete_symbol, series_symbol
-from farhorizon.boundaries import Exact, FirstOrder, Fixed, Higdon, LatticePML, PlaneWave, Side, Sponge
-from farhorizon.errors import UnstableError
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Disc
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Wave
+from farhorizon import (
+    Disc,
+    Exact,
+    FirstOrder,
+    Fixed,
+    Higdon,
+    Kernel,
+    Lattice,
+    LatticePML,
+    PlaneWave,
+    Side,
+    Simulation,
+    Sponge,
+    Stencil,
+    UnstableError,
+    Wave,
+)
 from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, measured_run
 from farhorizon.papers.reproductions import LINE, SHADE, reproduction
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = (
@@ -172,7 +180,7 @@ def _outcome(
         ]
     peak = float(np.abs(setup["initial"]["u"](*setup["lattice"].coordinates())).max())
     return (
-        Outcome(rows + largest, {label: float(found.errors.max()) / peak for label, found in runs.items()}),
+        Outcome(rows + largest, {label: float(run.errors.max()) / peak for label, run in runs.items()}),
         runs,
         fields,
     )
@@ -207,10 +215,11 @@ def _pictures(
     """Draw the fields of the runs `shown` and of the reference, the last differences of those `apart`, and all
     errors."""
     from farhorizon.pictures.fields import field_table
+    from farhorizon.pictures.panels import Look
 
     axes, cracks = setup["lattice"].axes, [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
     columns = [reference, *((label, runs[label].fields[: len(TIMES)]) for label in shown)]
-    field_table([f"$t = {t:g}$" for t in TIMES], columns, axes, paths[0], cracks=cracks)
+    field_table([f"$t = {t:g}$" for t in TIMES], columns, axes, paths[0], Look(cracks=cracks))
     far = {label: runs[label] for label in apart}
     differences_picture(paths[1], axes, course[-1], reference[1][-1], far, cracks)
     errors_picture(paths[2], course, runs)
@@ -271,13 +280,8 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
 
 
 def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
-    """Energy of a square of bilinear elements, eq 55, at unit speed, with lumped masses.
-
-    Parameters
-    ----------
-    u, v : ndarray, shape (n, n)
-        Values and their time derivatives.
-    spacing : float
+    """Energy of a square of bilinear elements, eq 55, at unit speed, with lumped masses, from values and their time
+    derivatives, shape (n, n).
     """
     across, along = np.diff(u, axis=0), np.diff(u, axis=1)
     gradient = sum(
@@ -289,15 +293,10 @@ def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
 
 
 class Continuum:
-    """Example 1 in the infinite continuum: a Gaussian in a viscous membrane, as a Hankel integral.
+    """Example 1 in the infinite continuum up to a time: a Gaussian in a viscous membrane, as a Hankel integral, whose
+    integrand oscillates faster at later times.
 
     Dispersion makes the elements differ from it until the wave front has left the near field, hardly afterwards.
-
-    Parameters
-    ----------
-    lattice : Lattice
-    until : float
-        Latest time, on which the number of quadrature points depends: later integrands oscillate faster.
     """
 
     def __init__(self, lattice: Lattice, until: float) -> None:
@@ -345,7 +344,7 @@ FRONT = 200.0  # by then the wave front has long left the near field
 def relative_energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarray) -> np.ndarray:
     """Energy of the near field over the initial energy at given times, nan after an overflow; shape (times,)."""
     sim = Simulation(**{**setup, "boundary": boundary})
-    spacing, found = sim.lattice.spacing, np.full(len(times), np.nan)
+    spacing, energies = sim.lattice.spacing, np.full(len(times), np.nan)
     near = tuple(
         slice((n - m) // 2, (n + m) // 2)
         for n, m in zip(sim.lattice.shape, square(RADIUS, sim.dt)["lattice"].shape, strict=True)
@@ -357,10 +356,10 @@ def relative_energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarra
             sim.step(2)
         except UnstableError:
             break
-        found[number] = energy(
+        energies[number] = energy(
             (before + sim.fields["u"][near]) / 2, (sim.fields["u"][near] - before) / (2 * sim.dt), spacing
         )
-    return found / _START
+    return energies / _START
 
 
 def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
@@ -368,15 +367,15 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
     dt, lattice = setup["dt"], setup["lattice"]
     early = times[times <= FRONT]
     exact, later = infinite(setup, early[-1] + dt), Continuum(lattice, times[-1])
-    found = []
+    energies = []
     for t in times:
         if t <= FRONT:
             before, after = (exact(round(t / dt) + n) for n in (-1, 1))
             u, v = (before + after) / 2, (after - before) / (2 * dt)
         else:
             u, v = later.state(t)
-        found.append(energy(u, v, lattice.spacing))
-    return np.array(found) / _START
+        energies.append(energy(u, v, lattice.spacing))
+    return np.array(energies) / _START
 
 
 @reproduction(
@@ -552,28 +551,28 @@ def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the time step is 500 times that of the paper, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
     compared: list[Comparison] = []
-    whole = Outcome([], comparisons=compared, settings=_settings(dt, 1e-4))
+    outcome = Outcome([], comparisons=compared, settings=_settings(dt, 1e-4))
     for reach, names in (
         (6, ("fig11", "fig12", "ex2-errors")),
         (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors")),
     ):
         setup = {**disc(RADIUS, reach, dt), "initial": {"u": narrow_pulse}}
-        found, runs, exact = _outcome(setup, disc_conditions(reach, dt), COURSE, TIMES)
+        part, runs, exact = _outcome(setup, disc_conditions(reach, dt), COURSE, TIMES)
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         rcond = "1e-8" if reach == 6 else "1e-4"
         shown = (f"published A, rcond {rcond}", f"published B, rcond {rcond}", "lattice PML")
         apart = (*shown[:2], next(iter(runs)), "repaired", "Higdon (0, 45)", "lattice PML")
         _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
         mark = f"horizon {reach} spacings: "
-        whole.rows.extend(replace(row, what=mark + row.what) for row in found.rows)
+        outcome.rows.extend(replace(row, what=mark + row.what) for row in part.rows)
         if reach == 6:  # that of the paper
             compared.append(_models_compared(rcond, runs, exact))
             later = {mark + label: side for label, side in list(disc_readings(reach, dt).items())[:2]}
-            whole.rows.extend(_afterwards(setup, later, (400.0,)))
-        whole.infinite_error.update({mark + label: value for label, value in found.infinite_error.items()})
-        whole.pictures.extend(paths)
-    whole.rows.extend(_disc_counts(6))
-    return whole
+            outcome.rows.extend(_afterwards(setup, later, (400.0,)))
+        outcome.infinite_error.update({mark + label: value for label, value in part.infinite_error.items()})
+        outcome.pictures.extend(paths)
+    outcome.rows.extend(_disc_counts(6))
+    return outcome
 
 
 NOTCHES = [[(-7.0, -7.0), (7.0, -7.0)], [(0.0, 10.0), (7.0, 10.0)]]
@@ -628,7 +627,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
 
     dt = 5e-3 if full else 0.05
     course = tuple(np.arange(0.5, 70.1, 0.5).tolist())
-    kept = (*TIMES, 70.0)
+    shown = (*TIMES, 70.0)
     conditions: dict[str, Side] = {
         **{label: b for label, b in disc_readings(3, dt).items() if " B," not in label and "whole" not in label},
         "repaired": PlaneWave(),
@@ -636,7 +635,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         "Higdon (0, 45)": Higdon((0, 45), 0.02),
         "lattice PML": LatticePML(nodes=12),
     }
-    whole, panels = Outcome([], settings=_settings(dt, 1e-4)), []
+    outcome, panels = Outcome([], settings=_settings(dt, 1e-4)), []
     late: dict[str, list[float]] = {label: [] for label in conditions}
     for radius, names in (
         (RADIUS, ("fig13", "ex3-differences", "ex3-errors")),
@@ -648,27 +647,27 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         at_probe = np.array([exact(round(t / dt))[probe] for t in course])
         curves = [("large domain", np.array(course), at_probe)]
         runs = {
-            label: measured_run(setup, boundary, course, exact, kept, probe, _SECONDS * (radius == RADIUS))
+            label: measured_run(setup, boundary, course, exact, shown, probe, _SECONDS * (radius == RADIUS))
             for label, boundary in conditions.items()
         }
-        for label, found in runs.items():
-            curves.append((label, np.array(course), found.history))
-            apart = float(np.nanmax(np.abs(found.history - at_probe)))
-            whole.rows.extend(
+        for label, run in runs.items():
+            curves.append((label, np.array(course), run.history))
+            apart = float(np.nanmax(np.abs(run.history - at_probe)))
+            outcome.rows.extend(
                 Row(
                     f"radius {radius:g}, {label}, t = {t:g}",
-                    float(found.errors[course.index(t)]),
-                    note=f"at (20, 10) at most {apart:.2g}" if t == 30 else found.stability * (t == 40),
+                    float(run.errors[course.index(t)]),
+                    note=f"at (20, 10) at most {apart:.2g}" if t == 30 else run.stability * (t == 40),
                     key=label in SHOWN_NOTCHES[:2],
                 )
                 for t in (30.0, 40.0, 50.0, 70.0)
             )
-            whole.infinite_error[f"radius {radius:g}, {label}"] = float(found.errors.max())
+            outcome.infinite_error[f"radius {radius:g}, {label}"] = float(run.errors.max())
             late[label].append(apart / float(np.nanmax(np.abs(at_probe))))
             if radius == RADIUS and label == SHOWN_NOTCHES[0]:
                 top = max(float(np.nanmax(np.abs(exact(round(t / dt))))) for t in TIMES)
-                worst = float(max(found.errors[course.index(t)] for t in TIMES))
-                whole.comparisons.append(
+                worst = float(max(run.errors[course.index(t)] for t in TIMES))
+                outcome.comparisons.append(
                     Comparison(
                         "figure 13",
                         "fields that match the reference very well up to t = 50",
@@ -678,13 +677,13 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
                 )
         panels.append((f"radius {radius:g}", [c for c in curves if c[0] in ("large domain", *SHOWN_NOTCHES)]))
         paths = [folder / f"hermann2023-{name}.png" for name in names]
-        fields = [exact(round(t / dt)) for t in kept]
+        fields = [exact(round(t / dt)) for t in shown]
         _pictures(paths, setup, course, ("large domain", fields), runs, SHOWN_NOTCHES, list(runs))
-        whole.pictures.extend(paths)
-    whole.pictures.append(folder / "hermann2023-fig14.png")
-    curve_panels(panels, whole.pictures[-1], xlabel="$t$", ylabel="$u$ at (20, 10)")
+        outcome.pictures.extend(paths)
+    outcome.pictures.append(folder / "hermann2023-fig14.png")
+    curve_panels(panels, outcome.pictures[-1], xlabel="$t$", ylabel="$u$ at (20, 10)")
     near, far = late[SHOWN_NOTCHES[0]]
-    whole.comparisons.append(
+    outcome.comparisons.append(
         Comparison(
             "figure 14",
             "late deviations at (20, 10) for radius 26, and smaller ones for radius 42",
@@ -692,7 +691,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
             far < near,
         )
     )
-    return whole
+    return outcome
 
 
 ON_THE_LINE = "published, centre and 25 nodes"
@@ -783,15 +782,15 @@ def figure_6(folder: Path) -> Outcome:
     horizon = 2.0
     kernel = Kernel(horizon, 2)
     k = np.linspace(0.0, np.pi, 315)
-    along = np.stack([k, 0 * k], axis=1)
     curves = [("closed form", k, np.sqrt(kernel.dispersion(k, 2)))]
     for m in (2, 8):
         spacing = horizon / m
         stencil = Stencil.from_kernel(Kernel(horizon, 2, calibrate=False), spacing, 2)
-        symbol = discrete_symbol(along, spacing * stencil.offsets, stencil.weights / spacing**2)
+        symbol = stencil.symbol(k * spacing, 0 * k) / spacing**2
         curves.append((f"numerical, horizon / spacing = {m}", k, np.sqrt(symbol)))
     for order in (4, 26):
-        series = series_symbol(along, 1.0, horizon, kernel.series(2, order // 2 - 1))
+        terms = np.r_[1.0, kernel.series(2, order // 2 - 1)]
+        series = k**2 * np.polynomial.polynomial.polyval((k * horizon) ** 2, terms)
         curves.append((f"Taylor, order {order}", k, np.sqrt(np.abs(series))))
     curves.append(("local", k, k))
     path = folder / "hermann2023-fig6.png"

@@ -20,7 +20,6 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from farhorizon.analysis.exact.chain import Recursion, force_form, fronts, ghost_kernel, symbol
-from farhorizon.medium.integrators import Verlet
 from farhorizon.papers.bar import Bar, bonds_of
 from farhorizon.papers.bar_loops import bar_acceleration, recursive_impulse
 from farhorizon.papers.reproductions import LINE, reproduction
@@ -57,28 +56,18 @@ def bar_weights() -> np.ndarray:
 
 
 def impulse_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
-    """g_0 .. g_(2K-1) of the infinite chain at t = 0, dt, .. (eqs 22 to 24), exact in time.
+    """g_0 .. g_(2K-1) of the infinite chain at t = 0, dt, .. (eqs 22 to 24), exact in time; shape (steps + 1, 2K).
 
     The trapezoidal rule for the integral over wavenumbers gives the response of a periodic chain, which is made so long
     that waves that travel round it are below rounding.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-    dt : float
-    steps : int
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, 2K)
     """
     zone = np.linspace(0, np.pi, 4097)
     travel = np.abs(np.gradient(np.sqrt(symbol(weights, zone)), zone)).max() * dt * steps
     nodes = 2 * int(travel / 2 + 4 * weights.size + 8 * np.cbrt(travel) + 8)
     angle = 2 * np.pi * np.arange(1, nodes // 2 + 1) / nodes
     omega = np.sqrt(symbol(weights, angle))
-    share = np.where(angle < np.pi, 2.0, 1.0) / nodes / omega  # both signs of the wavenumber
-    waves = share[:, None] * np.cos(np.multiply.outer(angle, np.arange(2 * weights.size)))
+    amplitudes = np.where(angle < np.pi, 2.0, 1.0) / nodes / omega  # both signs of the wavenumber
+    waves = amplitudes[:, None] * np.cos(np.multiply.outer(angle, np.arange(2 * weights.size)))
     g = np.empty((steps + 1, 2 * weights.size))
     for start in range(0, steps + 1, 4096):
         t = dt * np.arange(start, min(start + 4096, steps + 1))
@@ -99,21 +88,10 @@ def recursive_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray
 
 def semi_discrete_kernel(weights: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
     """Ghost kernels f of the half-infinite chain by the trapezoidal rule (eq 34), as a quotient of power series in the
-    shift by dt.
+    shift by dt; shape (steps + 1, K, K), for the ghosts -n (n = 0 .. K - 1) and the drivers m = 1 .. K.
 
     With P[a, n, l] = sum over k > l of a_k g_|k + n - l| and R[a, n, m - 1] = sum over k of a_(k + m) g_|k - n|, eq 34
     reads ``f + dt P * f = R``. (I + dt P) is inverted by Newton's method for power series, with products by FFT.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K,)
-    g : ndarray, shape (steps + 1, 2K)
-    dt : float
-
-    Returns
-    -------
-    ndarray, shape (steps + 1, K, K)
-        f of the ghosts -n (n = 0 .. K - 1) and the drivers m = 1 .. K.
     """
     reach = weights.size
     left, right = np.zeros((2, len(g), reach, reach))
@@ -127,10 +105,10 @@ def semi_discrete_kernel(weights: np.ndarray, g: np.ndarray, dt: float) -> np.nd
     return _product(_inverse(left), right, len(g))
 
 
-def _product(one: np.ndarray, other: np.ndarray, size: int) -> np.ndarray:
+def _product(left: np.ndarray, right: np.ndarray, size: int) -> np.ndarray:
     """First `size` terms of the product of two matrix power series."""
-    length = fft.next_fast_len(min(size, len(one)) + min(size, len(other)) - 1, real=True)
-    spectrum = np.matmul(fft.rfft(one[:size], length, axis=0), fft.rfft(other[:size], length, axis=0))
+    length = fft.next_fast_len(min(size, len(left)) + min(size, len(right)) - 1, real=True)
+    spectrum = np.matmul(fft.rfft(left[:size], length, axis=0), fft.rfft(right[:size], length, axis=0))
     return fft.irfft(spectrum, length, axis=0)[:size]
 
 
@@ -143,6 +121,11 @@ def _inverse(series: np.ndarray) -> np.ndarray:
         rest[0] += 2 * np.eye(series.shape[1])
         out = _product(out, rest, size)
     return out
+
+
+def verlet(dt: float) -> Recursion:
+    """Velocity Verlet as a recursion in increments."""
+    return Recursion(keep=1.0, scale=dt**2, first=0.5)
 
 
 @cache
@@ -158,7 +141,7 @@ def _paper_kernel(dt: float, steps: int) -> np.ndarray:
 def _discrete_kernel(dt: float, steps: int) -> np.ndarray:
     """Force kernel of the fully discrete chain for the bar."""
     weights = bar_weights()
-    return force_form(ghost_kernel(weights, Recursion.of(Verlet(), dt), steps), weights)
+    return force_form(ghost_kernel(weights, verlet(dt), steps), weights)
 
 
 def beam_kernel(t: float) -> np.ndarray:
@@ -172,8 +155,8 @@ def beam_kernel(t: float) -> np.ndarray:
     points, gauss = np.polynomial.legendre.leggauss(20)
     x = ((np.arange(panels)[:, None] + (points + 1) / 2) * np.pi / panels).ravel()
     w = 4 * np.sin(x / 2) ** 2
-    one, two = np.exp(-1j * x), 1 + w / 2 - np.sqrt(w + w**2 / 4)
-    total, product = one + two, one * two
+    first, second = np.exp(-1j * x), 1 + w / 2 - np.sqrt(w + w**2 / 4)
+    total, product = first + second, first * second
     values = np.array([[total, -product], [total**2 - product, -total * product]])
     weight = np.tile(gauss, panels) * np.pi / panels / 2 * 2 * np.sin(x) * np.sin(w * t)
     return -2 / np.pi * (values.imag * weight).sum(-1)
@@ -217,7 +200,7 @@ class BarExample:
 
         `kernel` and `first` specify the boundary; without a kernel the chain is so long that nothing returns.
         """
-        weights, recursion = bar_weights(), Recursion.of(Verlet(), dt)
+        weights, recursion = bar_weights(), verlet(dt)
         steps = [round(t / dt) for t in times]
         pad = 0 if kernel is not None else int(fronts(weights, recursion, steps[-1])[-1]) // 2 + 20
         u, bonds = self.setup(pad)
@@ -226,7 +209,7 @@ class BarExample:
         ends = (None, None) if kernel is None else (kernel, None if self.seismic else kernel)
         bar = Bar(weights, recursion, u, bonds=bonds, ends=ends, held=held, first=first)
         near = slice(pad, pad + 201)
-        found, at = [], u
+        states, at = [], u
         for number in steps:
             if self.seismic and bar.step < round(PULSE_END / dt) <= number:
                 bar.run(round(PULSE_END / dt) - bar.step)
@@ -237,8 +220,8 @@ class BarExample:
                 at = bar.u.copy()
             before = bar.d.copy()
             bar.run(1)
-            found.append((at[near], (before + bar.d)[near] / (2 * dt)))
-        return np.array([u for u, _ in found]), np.array([v for _, v in found])
+            states.append((at[near], (before + bar.d)[near] / (2 * dt)))
+        return np.array([u for u, _ in states]), np.array([v for _, v in states])
 
     def reference(self, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """u and u_t in the near field for the chain discrete in space and exact in time; shapes (times, 201)."""
@@ -252,23 +235,23 @@ class BarExample:
             operator[i, i + k] = operator[i + k, i] = bonds[k - 1, :-k]
         operator -= np.diag(operator.sum(1))
         v, start = np.zeros(u.size), 0.0
-        found: list[State] = []
+        states: list[State] = []
         if self.seismic:
             start = PULSE_END
-            found, (u, v) = _forced(u, bonds, pad + 100, [t for t in times if t < start])
+            states, (u, v) = _forced(u, bonds, pad + 100, [t for t in times if t < start])
         squares, modes = eigh(-operator)
         omega = np.sqrt(np.maximum(squares, 0.0))
         shares, rates = modes.T @ u, modes.T @ v
-        for t in times[len(found) :]:
+        for t in times[len(states) :]:
             angle = omega * (t - start)
-            found.append(
+            states.append(
                 (
                     modes @ (shares * np.cos(angle) + rates * (t - start) * np.sinc(angle / np.pi)),
                     modes @ (rates * np.cos(angle) - shares * omega * np.sin(angle)),
                 )
             )
         near = slice(pad, pad + 201)
-        return np.array([u[near] for u, _ in found]), np.array([v[near] for _, v in found])
+        return np.array([u[near] for u, _ in states]), np.array([v[near] for _, v in states])
 
 
 PULSE_END = 10.0
@@ -306,10 +289,10 @@ def _forced(u: np.ndarray, bonds: np.ndarray, node: int, times: Sequence[float])
     moments = [*times, PULSE_END]
     start = np.concatenate([u, np.zeros(size)])
     solved = solve_ivp(slope, (0.0, PULSE_END), start, method="DOP853", rtol=1e-13, atol=1e-16, t_eval=moments).y.T
-    found = [(y[:size], y[size:]) for y in solved]
-    for t, (values, rates) in zip(moments, found, strict=True):
+    states = [(y[:size], y[size:]) for y in solved]
+    for t, (values, rates) in zip(moments, states, strict=True):
         values[node], rates[node] = ricker(t), ricker_rate(t)
-    return found[:-1], found[-1]
+    return states[:-1], states[-1]
 
 
 def solution(x: np.ndarray, t: float) -> State:
@@ -351,8 +334,8 @@ def _errors(example: BarExample, times: Sequence[float], velocity: bool = False)
     exact = example.reference(times)[int(velocity)]
     errors = np.empty((len(times), len(STEPS)))
     for j, dt in enumerate(STEPS):
-        found = example.run(dt, times, _paper_kernel(dt, round(times[-1] / dt) + 1), 0.5)[int(velocity)]
-        errors[:, j] = np.abs(found - exact).max(1)
+        computed = example.run(dt, times, _paper_kernel(dt, round(times[-1] / dt) + 1), 0.5)[int(velocity)]
+        errors[:, j] = np.abs(computed - exact).max(1)
     return errors
 
 
@@ -450,7 +433,7 @@ def table1(folder: Path) -> Outcome:
         f"dt = 3 pi / {finest}": {t: fine[t * finest // 3] for t in _BEAM_TIMES},
         "the exact kernel": {t: beam_kernel(t * np.pi) for t in _BEAM_TIMES},
     }
-    found = {division: _beam_kernels(division, _BEAM_TIMES[-1]) for division in _BEAM_DIVISIONS}
+    kernels = {division: _beam_kernels(division, _BEAM_TIMES[-1]) for division in _BEAM_DIVISIONS}
     steps = 3 * np.pi / np.array(_BEAM_DIVISIONS[::-1], float)
     rows, panels = [], []
     for against, reference in references.items():
@@ -458,7 +441,7 @@ def table1(folder: Path) -> Outcome:
         curves = []
         for t in _BEAM_TIMES:
             errors = [
-                float(np.abs(found[division][t * division // 3] - reference[t]).max()) for division in _BEAM_DIVISIONS
+                float(np.abs(kernels[division][t * division // 3] - reference[t]).max()) for division in _BEAM_DIVISIONS
             ]
             for division, error, value in zip(_BEAM_DIVISIONS, errors, printed[t], strict=False):
                 corrected = 7.88e-5 if (t, division) == (3, 200) else None
@@ -474,10 +457,10 @@ def table1(folder: Path) -> Outcome:
     log_panels(
         panels, path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of $f$", order=2, printed=[circles, circles]
     )
-    own = [row for row in rows if not row.reason]
-    rates = [row.ours for row in own if "rate" in row.what]
+    unexplained = [row for row in rows if not row.reason]
+    rates = [row.ours for row in unexplained if "rate" in row.what]
     comparisons = [
-        Comparison.of_rows("table 1", own),
+        Comparison.of_rows("table 1", unexplained),
         Comparison("table 1", "rates above 2", f"rates of {min(rates):.2f} to {max(rates):.2f}", min(rates) > 2),
     ]
     settings = [Setting(f"time step 3 pi / {d}", 3 * np.pi / d, 3 * np.pi / d) for d in _BEAM_DIVISIONS]
@@ -624,7 +607,7 @@ def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
     example, dt, field = BarExample(), STEPS[-1], int(velocity)
     steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
     analytical = [solution(x, t)[field] for t in _TIMES]
-    found = {
+    computed = {
         THEIRS: example.run(dt, _TIMES, _paper_kernel(dt, steps), 0.5)[field],
         OURS: example.run(dt, _TIMES, _discrete_kernel(dt, steps))[field],
     }
@@ -633,7 +616,7 @@ def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
         panels.append(
             (
                 f"$t = {t:g}$",
-                [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in found.items())],
+                [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in computed.items())],
             )
         )
         rows += [
@@ -642,12 +625,12 @@ def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
                 float(np.abs(values[n] - exact).max()),
                 note=f"largest value: {np.abs(exact).max():.1e}",
             )
-            for name, values in found.items()
+            for name, values in computed.items()
         ]
     path = folder / f"ji2021-fig{figure}.png"
     curve_panels(panels, path, xlabel="$x$", ylabel="$u_t$" if velocity else "$u$")
     largest = np.abs(analytical[0]).max()
-    apart = float(np.abs(found[THEIRS] - analytical).max() / largest)
+    apart = float(np.abs(computed[THEIRS] - analytical).max() / largest)
     gone = float(np.abs(analytical[-1]).max() / largest)
     compared = Comparison(
         f"figure {figure}",
@@ -703,11 +686,11 @@ def figure8(folder: Path) -> Outcome:
     rows, humps, hollows = [], [], []
     curves: dict[int, list[tuple[str, np.ndarray, np.ndarray]]] = {ORIGIN: [], RIGHT: []}
     for beta in _BETAS:
-        times, found = histories(BarExample(soft=beta), _LONG)
+        times, runs = histories(BarExample(soft=beta), _LONG)
         for node, part in curves.items():
-            part.append((rf"$\beta = {beta:g}$", times, found[OURS][:, node]))
+            part.append((rf"$\beta = {beta:g}$", times, runs[OURS][:, node]))
         local = (np.sqrt(beta) - 1) / (np.sqrt(beta) + 1)
-        hump, hollow = found[OURS][:, RIGHT], found[OURS][:, ORIGIN]
+        hump, hollow = runs[OURS][:, RIGHT], runs[OURS][:, ORIGIN]
         humps.append(float(hump.max()))
         hollows.append(float(-hollow.min()))
         note = "the figure prints no number; half of the pulse, transmitted"
@@ -770,11 +753,11 @@ def figure9(folder: Path) -> Outcome:
 
     rows, panels = [], []
     for beta in _BETAS:
-        times, found = histories(BarExample(soft=beta), _LONG)
+        times, runs = histories(BarExample(soft=beta), _LONG)
         curves = []
         for place, node in (("origin", ORIGIN), ("right end", RIGHT)):
             for name in (THEIRS, OURS):
-                error = np.abs(found[name][:, node] - found["reference"][:, node])
+                error = np.abs(runs[name][:, node] - runs["reference"][:, node])
                 curves.append((f"{place}, {name}", times, error))
                 rows.append(
                     Row(
@@ -812,17 +795,17 @@ def figure13(folder: Path) -> Outcome:
     from farhorizon.pictures.curves import curve_panels
 
     example = BarExample(seismic=True)
-    times, found = histories(example, 60.0)
+    times, runs = histories(example, 60.0)
     rows, panels = [], []
     for place, node, humps in (
         ("origin", ORIGIN, {5: 1, 25: 1}),
         ("right end", RIGHT, {15: 2}),
         ("left end", LEFT, {15: 1, 35: 1}),
     ):
-        panels.append((place, [(name, times, values[:, node]) for name, values in found.items()]))
+        panels.append((place, [(name, times, values[:, node]) for name, values in runs.items()]))
         for t, height in humps.items():
             near = np.abs(times - t) < 5
-            ours, at = found[OURS][near, node], times[near]
+            ours, at = runs[OURS][near, node], times[near]
             rows += [
                 Row(
                     f"{place}, hump about t = {t}",
@@ -834,13 +817,13 @@ def figure13(folder: Path) -> Outcome:
         rows += [
             Row(
                 f"{place}, largest difference from the reference, {name}",
-                float(np.abs(found[name] - found["reference"])[:, node].max()),
+                float(np.abs(runs[name] - runs["reference"])[:, node].max()),
             )
             for name in (THEIRS, OURS)
         ]
     path = folder / "ji2021-fig13.png"
     curve_panels(panels, path, xlabel="$t$", ylabel="$u$")
-    compared = _seismic_humps(times, found[THEIRS])
+    compared = _seismic_humps(times, runs[THEIRS])
     return Outcome(rows, _boundary_errors(example, (60.0,)), [path], compared, _settings(tabled=False))
 
 
@@ -855,8 +838,8 @@ def _seismic_humps(times: np.ndarray, u: np.ndarray) -> list[Comparison]:
     right, later = hump(RIGHT, 15.0), float(np.abs(u[times > 25, RIGHT]).max())
     left, echo = hump(LEFT, 15.0), hump(LEFT, 35.0)
 
-    def at(found: tuple[float, float]) -> str:
-        return f"{found[1]:.2f} at t = {found[0]:.3g}"
+    def at(extremum: tuple[float, float]) -> str:
+        return f"{extremum[1]:.2f} at t = {extremum[0]:.3g}"
 
     near = 1.0  # the paper says "about", and reads its times off a picture
     return [

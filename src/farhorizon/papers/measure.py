@@ -10,11 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import Certificate, Side, Simulation, UnstableError
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.boundaries import Side
-from farhorizon.checks.certificate import NOT_CERTIFIED, UNDECIDED, Certificate
-from farhorizon.errors import UnstableError
-from farhorizon.simulation.simulation import Simulation
 
 _SECONDS = 8.0  # time limit of a certificate
 _CLOSELY = 200  # number of first steps after each of which the norm is recorded: fast growth soon overflows
@@ -60,32 +57,20 @@ def measured_run(
     boundary: Side,
     times: Sequence[float],
     reference: Reference,
-    kept: Sequence[float] | None = None,
+    shown: Sequence[float] | None = None,
     probe: tuple[int, ...] | None = None,
     seconds: float = 0.0,
 ) -> Measured:
-    """Run a set-up with a boundary and compare it with the infinite medium.
+    """Run a set-up (arguments of `Simulation`) with a boundary and compare it at some times with the infinite medium,
+    whose field after a number of steps is `reference`.
 
-    Parameters
-    ----------
-    setup : mapping
-        Arguments of `Simulation`.
-    boundary : Side
-    times : sequence of float
-        Times at which they are compared.
-    reference : callable
-        Field of the infinite medium after a number of steps.
-    kept : sequence of float, optional
-        Times, a subset of `times`, at which the field is kept; all if not given.
-    probe : tuple of int, optional
-        Node whose history is recorded.
-    seconds : float
-        Time limit of the certificate; none if 0.
+    The field is kept at a subset of the times (all unless given), the history at one node `probe`; a certificate takes
+    up to `seconds`, and is not asked if that is 0.
     """
     sim = Simulation(**{**setup, "boundary": boundary})
-    found = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
+    measured = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
     if seconds:
-        found.stability = _in_words(sim.certificate(seconds))
+        measured.stability = _in_words(sim.certificate(seconds))
     for number, t in enumerate(times):
         steps = round(t / sim.dt)
         try:
@@ -93,19 +78,19 @@ def measured_run(
         except UnstableError:
             break
         u = sim.fields["u"]
-        if kept is None or t in kept:
-            found.fields.append(u)
+        if shown is None or t in shown:
+            measured.fields.append(u)
         if probe is not None:
-            found.history[number] = u[probe]
-        found.errors[number] = np.nanmax(np.abs(u - reference(steps)))
-    return found
+            measured.history[number] = u[probe]
+        measured.errors[number] = np.nanmax(np.abs(u - reference(steps)))
+    return measured
 
 
 def _in_words(certificate: Certificate) -> str:
     """The verdict with the rate of the fastest-growing mode, if there is one."""
-    if not np.isfinite(certificate.rate) or certificate.verdict == UNDECIDED:
+    if not np.isfinite(certificate.rate) or certificate.verdict == "undecided":
         return certificate.verdict
-    if certificate.verdict == NOT_CERTIFIED:
+    if certificate.verdict == "not certified":
         return f"not certified: grows by {certificate.rate:.2g} per unit time"
     return f"{certificate.verdict}: decays by {-certificate.rate:.2g} per unit time"
 
@@ -139,24 +124,16 @@ def growth_from_noise(setup: Mapping[str, Any], boundary: Side, until: float) ->
 
 
 def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[float, str]:
-    """Spectral radius of the complete step minus 1, and how it was determined: by the certificate, or by measurement if
-    the certificate remains undecided within seconds.
-
-    Parameters
-    ----------
-    setup : mapping
-        Arguments of `Simulation`; the near field should be small, so that a certificate is computed quickly.
-    boundary : Side
-    until : float
-        End of the run from white noise that measures the growth.
+    """Spectral radius of the complete step minus 1, and how it was determined: by the certificate, for which the near
+    field should be small, or by the growth of white noise until a time if that remains undecided within seconds.
     """
     sim = Simulation(**{**setup, "boundary": boundary, "initial": None})
-    found = sim.certificate(_SECONDS)
-    if found.verdict == UNDECIDED:
+    certificate = sim.certificate(_SECONDS)
+    if certificate.verdict == "undecided":
         return float(np.expm1(growth_from_noise(setup, boundary, until) * sim.dt)), "measured from noise"
-    if np.isnan(found.rate):
+    if np.isnan(certificate.rate):
         return 0.0, "at most: proof"
-    return float(np.expm1(found.rate * sim.dt)), found.verdict
+    return float(np.expm1(certificate.rate * sim.dt)), certificate.verdict
 
 
 def stability_note(setup: Mapping[str, Any], boundary: Side, until: float) -> str:
@@ -174,9 +151,7 @@ def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measur
     from farhorizon.pictures.curves import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
-    error_history(
-        {label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$"
-    )
+    error_history({label: (np.array(times), run.errors) for label, run in runs.items()}, path, ylabel, "", xlabel="$t$")
 
 
 def differences_picture(
@@ -189,10 +164,11 @@ def differences_picture(
 ) -> None:
     """Draw the last difference from the infinite medium for each run that reaches the last time."""
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel
 
     panels = [
-        (f"{label}, $t = {t:g}$", found.fields[-1] - exact)
-        for label, found in runs.items()
-        if np.isfinite(found.errors[-1])
+        Panel(f"{label}, $t = {t:g}$", run.fields[-1] - exact)
+        for label, run in runs.items()
+        if np.isfinite(run.errors[-1])
     ]
-    field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")
+    field_panels(panels, axes, path, Look(r"$u - u_\infty$", shared=False, cracks=cracks))

@@ -13,11 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Diffusion
+from farhorizon import Diffusion, Fixed, Free, Kernel, Lattice, LatticePML, PlaneWave, Side, Stencil
 from farhorizon.papers.measure import Measured, Reference, infinite, measured_run, stability_note
 from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
@@ -69,18 +65,18 @@ def _conditions(radius: int) -> dict[str, Side]:
     }
 
 
-def _errors(found: Measured, exact: list[np.ndarray], first: float) -> tuple[float, float, float]:
+def _errors(run: Measured, exact: list[np.ndarray], first: float) -> tuple[float, float, float]:
     """Largest error of the energy over the run relative to the initial energy (eq 50), its error at the end relative to
     the exact energy then, and the error of the field at the end relative to the largest exact value then.
     """
-    if len(found.fields) < len(exact):
+    if len(run.fields) < len(exact):
         return np.inf, np.inf, np.inf
-    energies = np.array([[float((u**2).sum()) for u in part] for part in (found.fields, exact)])
+    energies = np.array([[float((u**2).sum()) for u in part] for part in (run.fields, exact)])
     last = np.abs(exact[-1]).max()
     return (
         float(np.abs(energies[0] - energies[1]).max() / first),
         float(abs(energies[0, -1] / energies[1, -1] - 1)),
-        float(found.errors[-1] / last),
+        float(run.errors[-1] / last),
     )
 
 
@@ -123,17 +119,17 @@ def _example(
     energies, changes = {"infinite medium": (np.array([0.0, *times]), np.array([1.0, *exact_energy]))}, {}
     fields = {"infinite medium": exact}
     for label, boundary in conditions.items():
-        found = measured_run(setup, boundary, times, reference)
+        run = measured_run(setup, boundary, times, reference)
         note = stability_note(setup, boundary, END)
-        energy, current, largest = _errors(found, exact, first)
+        energy, current, largest = _errors(run, exact, first)
         rows += [
             Row(f"{label}: error of the energy / initial energy", energy, note=note),
             Row(f"{label}: error of the energy / energy at t = 250", current),
             Row(f"{label}: largest error / largest value at t = 250", largest),
         ]
-        errors[label] = float(found.errors.max()) / float(np.abs(u0).max())
-        fields[label] = found.fields
-        left = np.array([float((u**2).sum()) for u in found.fields]) / first
+        errors[label] = float(run.errors.max()) / float(np.abs(u0).max())
+        fields[label] = run.fields
+        left = np.array([float((u**2).sum()) for u in run.fields]) / first
         changes[label] = (np.array(times[: left.size]), np.abs(left - exact_energy[: left.size]))
         energies[label] = (np.array([0.0, *times[: left.size]]), np.array([1.0, *left]))
         if later:
@@ -184,7 +180,7 @@ def _compared(
     """Comparisons with the figures of the fields, of the energy, and of its error, for the closest reading."""
     energy, change = energies[_BEST][1], float(changes[_BEST][1].max())
     walls = changes["no flux"][1]
-    found = [
+    comparisons = [
         Comparison(
             f"figure {figures[0]}",
             "the field on that of the larger domain",
@@ -201,7 +197,7 @@ def _compared(
         ),
     ]
     if figures[2] is not None:
-        found.append(
+        comparisons.append(
             Comparison(
                 f"figure {figures[2]}",
                 "a very small error of the energy, and one that grows rapidly without a condition",
@@ -209,7 +205,7 @@ def _compared(
                 bool(change < walls.max() / 10 and walls.argmax() > 0),
             )
         )
-    return found
+    return comparisons
 
 
 @reproduction(
@@ -270,13 +266,12 @@ def example_1_layers(folder: Path) -> Outcome:
             times = list(np.linspace(10, END, 25))
             exact = [reference(round(t / STEP)) for t in times]
             boundary = published(wavenumber, layer=layer)
-            found = measured_run(setup, boundary, times, reference)
+            run = measured_run(setup, boundary, times, reference)
             first = float((setup["initial"]["u"](setup["lattice"].axes[0]) ** 2).sum())
-            energy, _, largest = _errors(found, exact, first)
+            energy, _, largest = _errors(run, exact, first)
             largest_of[wavenumber, layer] = largest, energy
             apart = [
-                abs(float((u**2).sum()) - float((e**2).sum())) / first
-                for u, e in zip(found.fields, exact, strict=False)
+                abs(float((u**2).sum()) - float((e**2).sum())) / first for u, e in zip(run.fields, exact, strict=False)
             ]
             courses.append(
                 (f"layer of {layer} spacing" + "s" * (layer > 1), np.array(times[: len(apart)]), np.array(apart))
@@ -291,12 +286,12 @@ def example_1_layers(folder: Path) -> Outcome:
                     note="" if np.isfinite(energy) else "it overflows",
                 ),
             ]
-            errors[label] = float(found.errors.max())
+            errors[label] = float(run.errors.max())
             if not curves:
                 curves.append(("infinite medium", setup["lattice"].axes[0], exact[-1]))
             if largest < 2:
                 curves.append(
-                    (f"layer of {layer} spacing" + "s" * (layer > 1), setup["lattice"].axes[0], found.fields[-1])
+                    (f"layer of {layer} spacing" + "s" * (layer > 1), setup["lattice"].axes[0], run.fields[-1])
                 )
         panels.append((f"t = 250, wavenumbers to {wavenumber:g}", curves))
         changes.append((f"wavenumbers to {wavenumber:g}", [course for course in courses if course[1].size]))

@@ -17,17 +17,24 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import (
+    Ball,
+    Corrosion,
+    Disc,
+    Fixed,
+    Free,
+    Kernel,
+    Lattice,
+    LatticePML,
+    PlaneWave,
+    Shape,
+    Simulation,
+    Specimen,
+    Text,
+)
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.masks import Text
-from farhorizon.geometry.shapes import Ball, Disc, Shape
-from farhorizon.inputs.specimens import Specimen
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Corrosion
 from farhorizon.papers.reproductions import SHADE, reproduction
 from farhorizon.papers.shojaei2020 import PAPER
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 EXPONENT = (
@@ -143,13 +150,8 @@ class CorrosionExample:
 
 
 class OpenMedium:
-    """The infinite medium on the nodes of a near field.
-
-    Parameters
-    ----------
-    far : Simulation
-        Run on a domain from whose edges nothing returns: in 2D while there is metal, in 3D up to the end.
-    near : Lattice
+    """The infinite medium on the nodes of a near field, by a run on a domain from whose edges nothing returns: in 2D
+    while there is metal, in 3D up to the end.
     """
 
     def __init__(self, far: Simulation, near: Lattice) -> None:
@@ -235,17 +237,8 @@ class Course:
 def follow(
     example: CorrosionExample, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]
 ) -> Course:
-    """Run all closures and compare them with the infinite medium.
-
-    Parameters
-    ----------
-    example : CorrosionExample
-    runs : dict of str to Simulation
-        Result of `CorrosionExample.closed`, before the first step.
-    times : list of float
-        Ascending times, which include `shown`.
-    shown : tuple of float
-        Times at which the fields are kept.
+    """Run all closures of an example to ascending times and compare them with the infinite medium; the fields are kept
+    at some of these times.
     """
     medium, cell = example.medium(), example.spacing**example.region.dim
     dt = medium.far.dt
@@ -332,7 +325,7 @@ def _rows(
         note = f"by up to {steps} steps" + f"; the integral of u^2 rises at {rises} times" * (rises > 0)
         rows.append(Row(f"{name}, nodes that dissolve at another step than in the infinite medium", nodes, note=note))
     balances = [sim.balance() for sim in runs.values()]
-    residual = max(abs(found["residual"] / found["metal"]) for found in balances)
+    residual = max(abs(balance["residual"] / balance["metal"]) for balance in balances)
     rows.append(Row("residual of the mass balance / metal, the largest of all", residual))
     return rows
 
@@ -359,20 +352,22 @@ def _pictures(
     from farhorizon.pictures.curves import error_history
     from farhorizon.pictures.fields import field_panels, gradient_panels
     from farhorizon.pictures.fronts import front
+    from farhorizon.pictures.panels import Look, Panel
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes
-    fields = [
-        (f"{_SHOWN.get(words, words)}, t = {t:g}", u)
+    panels = [
+        Panel(f"{_SHOWN.get(words, words)}, t = {t:g}", u)
         for words in (first, "infinite medium")
         for t, u in zip(shown, course.fields[words], strict=True)
     ]
     parts = ("fields", "front", "error", "energy", "gradients", "initial")
     paths = [folder / f"{name}-{part}.png" for part in parts]
     metal = [~(course.dissolved <= t) & ~np.isnan(u) for t, u in zip(shown, course.fields[first], strict=True)]
-    field_panels(fields, axes, paths[0], shared_scale=False, solids=2 * metal)
-    gradient_panels(fields[: len(shown)], axes, paths[4], solids=metal)
-    field_panels([("t = 0", course.initial)], axes, paths[5])
+    panels = [panel._replace(solid=solid) for panel, solid in zip(panels, 2 * metal, strict=True)]
+    field_panels(panels, axes, paths[0], Look(shared=False))
+    gradient_panels(panels[: len(shown)], axes, paths[4])
+    field_panels([Panel("t = 0", course.initial)], axes, paths[5])
     front(course.dissolved, axes, paths[1], outside=np.isnan(course.fields[first][0]))
     times = np.array(course.times)
     error_history(

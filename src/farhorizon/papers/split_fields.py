@@ -12,21 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import NonlocalPML
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.moduli import moduli_of
-from farhorizon.medium.stencil import Stencil
+from farhorizon import Elastic, Kernel, NonlocalPML, Stencil
 
 
 class Gradient:
-    """Derivatives ``sum_k g_kb u(i + o_k)`` on a box of nodes; values beyond the box are zero, and shape tensors are 1.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    dim : int
-    """
+    """Derivatives ``sum_k g_kb u(i + o_k)`` on a box of nodes; values beyond it are zero, and shape tensors are 1."""
 
     def __init__(self, kernel: Kernel, spacing: float, dim: int) -> None:
         offsets, weights = Stencil.family(kernel, spacing, dim)
@@ -39,12 +29,12 @@ class Gradient:
         """Derivative along an axis of values of shape (..., *box)."""
         dim, m = self.offsets.shape[1], self.reach
         wide = np.pad(values, [(0, 0)] * (values.ndim - dim) + [(m, m)] * dim)
-        found = np.zeros(values.shape)
+        derivative = np.zeros(values.shape)
         for offset, factor in zip(self.offsets, self.vectors[:, axis], strict=True):
             if factor:
                 ahead, behind = (self._moved(sign * offset, values.shape[-dim:]) for sign in (1, -1))
-                found += factor * (wide[ahead] - wide[behind])
-        return found
+                derivative += factor * (wide[ahead] - wide[behind])
+        return derivative
 
     def _moved(self, offset: np.ndarray, box: tuple[int, ...]) -> tuple[Any, ...]:
         """Index of the neighbours of all nodes in the box padded by one reach on each side."""
@@ -57,18 +47,8 @@ class Gradient:
 
 
 class SplitFields:
-    """A box of nodes with layers on all sides, beyond which the displacement is zero.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    u : ndarray, shape (dim, *box)
-        Initial displacements including the layers; the initial velocity is zero.
-    layer : NonlocalPML
-    dt : float
-    young, poisson : float
-        Plane strain in two dimensions; the density is 1.
+    """A box of nodes with layers on all sides, beyond which the displacement is zero: initial displacements including
+    the layers, shape (dim, *box), at rest, in plane strain in two dimensions; the density is 1.
     """
 
     def __init__(
@@ -82,7 +62,7 @@ class SplitFields:
         poisson: float = 0.25,
     ) -> None:
         self.dim, self.dt, self.gradient = len(u), dt, Gradient(kernel, spacing, len(u))
-        solid = moduli_of({"young": young, "poisson": poisson}, None, None, "correspondence", "")
+        solid = Elastic(kernel, young, poisson, material="correspondence")
         self.lame, self.shear = solid.lame, solid.shear
         outwards = layer.stretch(spacing, float(np.sqrt(self.lame + 2 * self.shear)))
         self.phi = np.zeros((self.dim, *u.shape[1:]))

@@ -17,17 +17,23 @@ from typing import Any
 import numpy as np
 from scipy.optimize import curve_fit
 
+from farhorizon import (
+    Correspondence,
+    Fixed,
+    Free,
+    Kernel,
+    Lattice,
+    LatticePML,
+    NonlocalPML,
+    Simulation,
+    Sponge,
+    Traction,
+    UnstableError,
+)
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.analysis.references.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
-from farhorizon.boundaries import Fixed, Free, LatticePML, NonlocalPML, Sponge
-from farhorizon.errors import UnstableError
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.loads import Traction
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Correspondence
 from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.papers.split_fields import Gradient, SplitFields
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = "Wildman, Gazonas (2012), A perfectly matched layer for peridynamics in two dimensions"
@@ -163,12 +169,12 @@ def strain_energies(kernel: Kernel, boundary: Any, times: Sequence[float] | np.n
     """Strain energy of the square and of its inner part at given times, relative to the initial energy of the square;
     shape (2, n).
     """
-    sim, found = plate(kernel, boundary), []
+    sim, energies = plate(kernel, boundary), []
     start = strain_energy(sim)
     for t in times:
         sim.step(round(t / sim.dt) - sim.step_count)
-        found.append((strain_energy(sim), energy_inside(kernel, displacements(sim))))
-    return np.array(found).T / start
+        energies.append((strain_energy(sim), energy_inside(kernel, displacements(sim))))
+    return np.array(energies).T / start
 
 
 def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -178,7 +184,7 @@ def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarra
         SplitFields(kernel, SPACING, np.stack([pulse(x, y), 0 * x]), published(), dt),
         plate(kernel, Fixed()),
     )
-    done, found, core = 0, [], still.engine.core
+    done, energies, core = 0, [], still.engine.core
 
     def whole() -> float:
         margin = (core.nodes[1] - 101) // 2
@@ -189,8 +195,8 @@ def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarra
     for t in times:
         fields.step(round(t / dt) - done)
         done = round(t / dt)
-        found.append((whole(), energy_inside(kernel, fields.u)))
-    return np.array(found).T / start
+        energies.append((whole(), energy_inside(kernel, fields.u)))
+    return np.array(energies).T / start
 
 
 class Infinite:
@@ -235,8 +241,8 @@ def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
     if above.size == 0 or above[-1] + 1 == values.size:
         return float("nan")
     i = above[-1]
-    share = np.log(values[i] / level) / np.log(values[i] / values[i + 1])
-    return float(times[i] + share * (times[i + 1] - times[i]))
+    fraction = np.log(values[i] / level) / np.log(values[i] / values[i + 1])
+    return float(times[i] + fraction * (times[i + 1] - times[i]))
 
 
 @reproduction(
@@ -254,12 +260,12 @@ def figure_2(folder: Path) -> Outcome:
     named = (0.5, 1.0, 2.0, 5.0, 7.0, 10.0)
     rows, curves, passed = [], {}, {}
     for (name, kernel), printed in zip(KERNELS.items(), (5.6e-7, 1e-4), strict=True):
-        whole, near = strain_energies(kernel, published(), times)
-        passed[name] = passes(times, whole, printed)
+        energies, near = strain_energies(kernel, published(), times)
+        passed[name] = passes(times, energies, printed)
         rows.append(
             Row(
                 f"{name}, energy at t = 6",
-                float(whole[np.searchsorted(times, 6.0)]),
+                float(energies[np.searchsorted(times, 6.0)]),
                 printed,
                 note="the paper's lowest; it is no floor",
                 reason=f"the paper does not say when it is reached; here at t = {passed[name]:.3g}",
@@ -268,16 +274,18 @@ def figure_2(folder: Path) -> Outcome:
         rows.append(Row(f"{name}, time at which it passes {printed:g}", passed[name], key=True))
         for t in named:
             i = int(np.searchsorted(times, t))
-            rows.append(Row(f"{name}, energy at t = {t:g}", float(whole[i]), note=f"without the layer {near[i]:.1e}"))
-        curves[f"{name} kernel"] = (times, whole)
+            rows.append(
+                Row(f"{name}, energy at t = {t:g}", float(energies[i]), note=f"without the layer {near[i]:.1e}")
+            )
+        curves[f"{name} kernel"] = (times, energies)
         curves[f"{name} kernel, near field"] = (times, near)
     curves["Gaussian kernel, fixed square"] = (times, strain_energies(KERNELS["Gaussian"], CLAMPED, times)[0])
     for dt in (1e-3, 5e-4):
-        whole, near = split_energies(KERNELS["Gaussian"], dt, (2.0,))
+        energies, near = split_energies(KERNELS["Gaussian"], dt, (2.0,))
         rows.append(
             Row(
                 f"forward Euler on split fields, dt = {dt:g}, energy at t = 2",
-                float(whole[0]),
+                float(energies[0]),
                 note=f"without the layer {near[0]:.1e}",
             )
         )
@@ -335,10 +343,12 @@ def lattice_layer(folder: Path) -> Outcome:
         sim = lattice_plate(kernel)
         start = sim.energy()
         rows.append(Row(f"{name}, lattice PML, error", infinite.error_of(sim), note="around 61 x 61 nodes"))
-        found: list[tuple[float, float]] = []
-        sim.observers.append(lambda run, found=found, start=start: found.append((run.time, abs(run.energy()) / start)))
+        course: list[tuple[float, float]] = []
+        sim.observers.append(
+            lambda run, course=course, start=start: course.append((run.time, abs(run.energy()) / start))
+        )
         sim.run(100.0, every=0.5, progress=False, allow_unstable=True)
-        times, energies = np.array(found).T
+        times, energies = np.array(course).T
         for t in (10.0, 50.0, 100.0):
             rows.append(
                 Row(
@@ -395,17 +405,17 @@ def figure_4(folder: Path) -> Outcome:
     from farhorizon.pictures.curves import error_history
 
     times = STEP * 2 * np.arange(1, 501)
-    found = {}
+    probed = {}
     for name, boundary in (("layer", published()), ("fixed", CLAMPED)):
         sim, probe = plate(KERNELS["Gaussian"], boundary), []
         node = sim.lattice.index((0.3, 0.5))
         for _ in times:
             sim.step(2)
             probe.append(sim.fields["u"][(0, *node)])
-        found[name] = np.array(probe)
+        probed[name] = np.array(probe)
     reference = np.array([state[0, 0, (101 - 2 * LAYER) // 2] for state in Infinite(KERNELS["Gaussian"]).states[1:]])
-    peak = float(np.abs(found["layer"]).max())
-    apart = float(times[np.argmax(np.abs(found["layer"] - found["fixed"]) > 1e-3 * peak)])
+    peak = float(np.abs(probed["layer"]).max())
+    apart = float(times[np.argmax(np.abs(probed["layer"] - probed["fixed"]) > 1e-3 * peak)])
     way = 0.8 / SPEED
     rows = [
         Row(
@@ -413,20 +423,22 @@ def figure_4(folder: Path) -> Outcome:
             apart,
             note=f"the middle, the edge, the probe: {way:.3g} at the wave speed",
         ),
-        Row("largest |u_x| after t = 4, layer", float(np.abs(found["layer"][times > 4]).max())),
-        Row("largest |u_x| after t = 4, fixed", float(np.abs(found["fixed"][times > 4]).max())),
+        Row("largest |u_x| after t = 4, layer", float(np.abs(probed["layer"][times > 4]).max())),
+        Row("largest |u_x| after t = 4, fixed", float(np.abs(probed["fixed"][times > 4]).max())),
     ]
-    errors = {name: float(np.abs(values[: len(reference)] - reference).max()) for name, values in found.items()}
+    errors = {name: float(np.abs(values[: len(reference)] - reference).max()) for name, values in probed.items()}
     path = folder / "wildman2012-fig4.png"
-    error_history({name: (times, np.abs(values)) for name, values in found.items()}, path, r"$|u_x|$ at (0.3, 0.5)", "")
+    error_history(
+        {name: (times, np.abs(values)) for name, values in probed.items()}, path, r"$|u_x|$ at (0.3, 0.5)", ""
+    )
     at_probe = {f"{name}, at the probe until t = {COMPARED:g}": error for name, error in errors.items()}
-    left, kept = rows[1].ours, rows[2].ours
+    left, reflected = rows[1].ours, rows[2].ours
     compared = Comparison(
         "figure 4",
         "both curves on each other until the fixed edge reflects, that of the layer in decay ever after",
         f"curves that part at t = {apart:.3g}, where the way at the wave speed takes {way:.3g}, and after t = 4 at "
-        f"most {left:.1g} with the layer and {kept:.1g} with the fixed edge",
-        abs(apart / way - 1) < 0.15 and left < kept / 100,
+        f"most {left:.1g} with the layer and {reflected:.1g} with the fixed edge",
+        abs(apart / way - 1) < 0.15 and left < reflected / 100,
     )
     return Outcome(rows, at_probe, [path], [compared], _settings())
 
@@ -454,7 +466,7 @@ def figure_5(folder: Path) -> Outcome:
     from farhorizon.pictures.curves import curve_panels
 
     width, r = 0.1, 0.5
-    found = {}
+    probed = {}
     times = STEP * np.arange(1, 401)
     for name, boundary in (("layer", published()), ("fixed", CLAMPED)):
         sim, probe = radial_plate(boundary, width), []
@@ -462,7 +474,7 @@ def figure_5(folder: Path) -> Outcome:
         for _ in times:
             sim.step()
             probe.append(sim.fields["u"][(0, *node)])
-        found[name] = np.array(probe)
+        probed[name] = np.array(probe)
     local = radial_wave(r, times, SPEED, 1.0, width)
     medium = nonlocal_radial_wave(r, times, SPEED, gaussian_symbol(0.75 * SPACING), 1.0, width)
     peak = float(np.abs(local).max())
@@ -481,18 +493,18 @@ def figure_5(folder: Path) -> Outcome:
         ),
         Row("cutoff of the kernel", gaussian_kernel(0.75 * SPACING).horizon, 0.028),
         Row("peak at the probe", peak),
-        Row("layer, from the local solution / peak", apart(found["layer"], local), note="mostly dispersion"),
+        Row("layer, from the local solution / peak", apart(probed["layer"], local), note="mostly dispersion"),
         Row("nonlocal from local solution / peak", apart(medium, local)),
         Row(
             "layer, from the nonlocal solution / peak",
-            apart(found["layer"], medium),
+            apart(probed["layer"], medium),
             note="initial data in the layer, which fall like r^-2",
         ),
-        Row("fixed, from the nonlocal solution / peak", apart(found["fixed"], medium)),
+        Row("fixed, from the nonlocal solution / peak", apart(probed["fixed"], medium)),
     ]
     path = folder / "wildman2012-fig5.png"
-    curves = [("exact, local", times, local), ("exact, nonlocal", times, medium), ("layer", times, found["layer"])]
-    differences = [("exact, nonlocal", times, medium - local), ("layer", times, found["layer"] - local)]
+    curves = [("exact, local", times, local), ("exact, nonlocal", times, medium), ("layer", times, probed["layer"])]
+    differences = [("exact, nonlocal", times, medium - local), ("layer", times, probed["layer"] - local)]
     curve_panels(
         [(r"$u_x$ at (0.5, 0)", curves), ("difference from the local solution", differences)],
         path,
@@ -521,15 +533,15 @@ def amplitudes(kernel: Kernel, boundary: Any, until: float = 100.0, dt: float = 
     noise = list(np.random.default_rng(1).standard_normal((2, *lattice.shape)))
     sim = Simulation(lattice, solid(kernel), boundary, {"u": noise}, dt=dt)
     start = strain_energy(sim)
-    times, found = [0.0], [1.0]
+    times, sizes = [0.0], [1.0]
     while sim.time < until - dt / 2:
         try:
             sim.step(round(0.5 / dt))
         except UnstableError:
             break
         times.append(sim.time)
-        found.append(float(np.sqrt(strain_energy(sim) / start)))
-    return np.array(times), np.array(found)
+        sizes.append(float(np.sqrt(strain_energy(sim) / start)))
+    return np.array(times), np.array(sizes)
 
 
 def late_growth(times: np.ndarray, values: np.ndarray) -> float:
@@ -580,13 +592,8 @@ YOUNG, ENERGY_RELEASE = 65e9, 204.0
 
 
 def loaded_half_space(load: float, dt: float = 20e-9) -> Simulation:
-    """Half-space of section 3B under a load in N: 141 x 71 nodes with the layers.
-
-    Parameters
-    ----------
-    load : float
-    dt : float
-        Time step; that of the paper is 1 ns, a two-hundredth of the limit.
+    """Half-space of section 3B under a load in N: 141 x 71 nodes with the layers. The time step of the paper is 1 ns, a
+    two-hundredth of the limit.
     """
     lattice = Lattice(GRID, (-40 * GRID, -40 * GRID), (40 * GRID, 0.0))
     edge = (_SURFACE + 0.5) * GRID
@@ -646,10 +653,11 @@ def indent(load: float, dt: float, until: float = 10e-6) -> tuple[Simulation, np
 def figure_7(folder: Path, full: bool = False) -> Outcome:
     """Damage after 10 microseconds; without `full` the time step is 20 times that of the paper."""
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel
     from farhorizon.pictures.style import DAMAGE, counted_in
 
     sim, before = indent(250.0, _crack_step(full))
-    damage, found = sim.fields["damage"], sim.balance()
+    damage, balance = sim.fields["damage"], sim.balance()
     across, down = crack_extent(before, damage)
     spacing_mm = 1e3 * GRID
     reason = _WHOLE_NODES if max(abs(down - 3), abs(across - 3)) == 1 else ""
@@ -665,13 +673,13 @@ def figure_7(folder: Path, full: bool = False) -> Outcome:
             note=f"calibrated, as is the drag D/dt = {DRAG:g}/s; K recomputed",
         ),
         Row("broken bonds", sim.broken_bonds),
-        Row("work of the load (J/m)", found["work"]),
-        Row("kinetic and strain energy (J/m)", found["kinetic"] + found["strain"]),
-        Row("into the layers (J/m)", found["lost"]),
-        Row("drag (J/m)", found["drag"]),
+        Row("work of the load (J/m)", balance["work"]),
+        Row("kinetic and strain energy (J/m)", balance["kinetic"] + balance["strain"]),
+        Row("into the layers (J/m)", balance["lost"]),
+        Row("drag (J/m)", balance["drag"]),
         Row(
             "breaking (J/m)",
-            found["broken"],
+            balance["broken"],
             note="what it sets free; negative where K of fewer bonds holds more energy",
         ),
     ]
@@ -681,10 +689,11 @@ def figure_7(folder: Path, full: bool = False) -> Outcome:
     paths = [folder / f"wildman2012-{name}.png" for name in ("fig7", "fig8")]
     close = (slice(40, 61), slice(-16, None))
     parts = [axis[part] for axis, part in zip(axes, close, strict=True)]
-    look: dict[str, Any] = {"label": "damage", "colors": DAMAGE}
+    look = Look("damage", colors=DAMAGE, cracks=cracks)
     with counted_in({"length": "mm"}):
-        field_panels([("after 10 \N{MICRO SIGN}s", damage)], axes, paths[0], cracks=cracks, **look)
-        field_panels([("right half, close-up", damage[close])], parts, paths[1], cracks=cracks[1:], **look)
+        field_panels([Panel("after 10 \N{MICRO SIGN}s", damage)], axes, paths[0], look)
+        panel, look = Panel("right half, close-up", damage[close]), look._replace(cracks=cracks[1:])
+        field_panels([panel], parts, paths[1], look)
     compared = [
         Comparison.of_rows("figure 7", rows, "a crack of 2.11 mm at 250 N"),
         Comparison(

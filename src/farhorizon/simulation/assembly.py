@@ -24,7 +24,6 @@ from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.processes.subdomain import Subdomain, check_choosable, check_divisible, subdomain_of
 from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid, choose_margins, make_grid, states_of
-from farhorizon.simulation.setup.laws import of_field
 from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
@@ -37,8 +36,7 @@ from farhorizon.simulation.setup.validation import (
     check_variation,
 )
 from farhorizon.simulation.sides.extension import Emitters, extend
-from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory
-from farhorizon.simulation.sides.layers import undesigned, with_one_filter
+from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
 from farhorizon.simulation.sides.surfaces import check_conditions, hold_and_damp
 from farhorizon.simulation.time.breaking import Breaking
@@ -73,102 +71,54 @@ _STAYS_OPEN = (
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """The whole near field and its sides, which recorders use on each of several processes that have parts of a run.
-
-    Attributes
-    ----------
-    near : NearField
-    sides : dict of (axis, side) to Side
-    team : ProcessGroup
-        The processes, which call methods jointly.
-    """
+    """The whole near field and its sides, which recorders use on each of several processes that have parts of a run."""
 
     near: NearField
     sides: Sides
-    team: ProcessGroup = ALONE
+    team: ProcessGroup = ALONE  # which calls methods jointly
 
     def numbers(self, inside: np.ndarray, part: Lattice) -> np.ndarray:
         """Return the flat indices in the whole lattice, in order, of the nodes of a mask of which each process has its
         part.
         """
-        own = np.argwhere(inside) + np.array(part.first)
-        flat = np.ravel_multi_index(tuple(own.T), self.near.lattice.shape)
+        indices = np.argwhere(inside) + np.array(part.first)
+        flat = np.ravel_multi_index(tuple(indices.T), self.near.lattice.shape)
         return np.sort(np.concatenate(self.team.gather(flat)))
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The parts of a run.
-
-    Attributes
-    ----------
-    near : NearField
-    layered : LayeredSides
-    autos : dict of (axis, side) to Side
-        The sides that leave the choice between a layer, which they are until the length of the run is known, and an
-        extended domain.
-    exterior : Exterior
-        Checks of data and sources beyond absorbing sides; its `notes` are those of the set-up.
-    start : Start
-    source_terms : SourceTerms
-    emitters : Emitters
-    grid : Grid
-    phases : SolidAndLiquid or None
-        The phases of a corrosion.
-    closure : OutlineCondition or None
-        The conditions along the outline of the near field.
-    cuts : CutBonds
-    breaking : Breaking or None
-        Bonds that are nonlinear or break.
-    held : ndarray of int
-        Places in a level whose values never change.
-    ends : ExactEnds or None
-    incident : list of Incidence
-    active_terms : list of SourceTerm
-        All that drives the near field: sources and loads, conditions, incident waves, what depends on the field.
-    of_field : list of (str, SourceTerm)
-        The latter, with their names.
-    whole : Whole
-        The near field with its sides; on several processes, the parts given to recorders have that of all processes.
-    thermoelastic : frozenset of (axis, side)
-        The sides beyond which a temperature continues with the displacements.
-    """
+    """The parts of a run."""
 
     near: NearField
     layered: LayeredSides
-    autos: dict[Key, Side]
-    exterior: Exterior
+    autos: dict[Key, Side]  # sides that become layers or extended domains once the length of the run is known
+    exterior: Exterior  # its `notes` are those of the set-up
     start: Start
     source_terms: SourceTerms
     emitters: Emitters
     grid: Grid
-    phases: SolidAndLiquid | None
-    closure: OutlineCondition | None
+    phases: SolidAndLiquid | None  # of a corrosion
+    closure: OutlineCondition | None  # conditions along the outline of the near field
     cuts: CutBonds
-    breaking: Breaking | None
-    held: np.ndarray
+    breaking: Breaking | None  # bonds that are nonlinear or break
+    held: np.ndarray  # places in a level whose values never change
     ends: ExactEnds | None
     incident: list[Incidence]
-    active_terms: list[SourceTerm]
-    of_field: list[tuple[str, SourceTerm]]
-    whole: Whole
-    thermoelastic: frozenset[Key]
+    active_terms: list[SourceTerm]  # sources, loads, conditions, incident waves, and what depends on the field
+    of_field: list[tuple[str, SourceTerm]]  # the latter, with their names
+    whole: Whole  # on several processes, the parts given to recorders have that of all processes
+    thermoelastic: frozenset[Key]  # sides beyond which a temperature continues with the displacements
 
     def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """Return values at some nodes, on all processes, each of which has the values of its part.
-
-        Parameters
-        ----------
-        values : ndarray
-            Its last axes are those of the part of the lattice.
-        nodes : ndarray of int
-            Flat indices of nodes in the whole lattice.
+        """Return values at nodes of the whole lattice (flat indices), on all processes, each of which has the values of
+        its part, whose axes come last.
         """
         part = self.near.lattice
-        inside, own = part.own(nodes.ravel())
-        mine = values.reshape(*values.shape[: values.ndim - part.dim], -1)[..., own]
-        found = self.whole.team.completed(mine, np.flatnonzero(inside), nodes.size, mine.ndim - 1)
-        return found.reshape(*found.shape[:-1], *nodes.shape)
+        inside, own_nodes = part.own(nodes.ravel())
+        values_here = values.reshape(*values.shape[: values.ndim - part.dim], -1)[..., own_nodes]
+        completed = self.whole.team.completed(values_here, np.flatnonzero(inside), nodes.size, values_here.ndim - 1)
+        return completed.reshape(*completed.shape[:-1], *nodes.shape)
 
     def hides(self, nodes: np.ndarray) -> np.ndarray:
         """Return which nodes of the whole lattice (flat indices) have no values of the body or window."""
@@ -178,55 +128,49 @@ class Parts:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """The medium, sides and sources of a run, before a grid is made.
+    """The medium, sides and sources of a run, before a grid is made."""
 
-    Attributes
-    ----------
-    setup : Setup
-        Set-up with a uniform model.
-    autos : dict of (axis, side) to Side
-        As in `Parts`.
-    near : NearField
-    layered : LayeredSides
-    waves : list of Arriving
-    sources : list of (str, source)
-        Sources, each with its name in messages.
-    """
-
-    setup: Setup
-    autos: dict[Key, Side]
+    setup: Setup  # with a uniform model
+    autos: dict[Key, Side]  # as in `Parts`
     near: NearField
     layered: LayeredSides
     waves: list[Arriving]
-    sources: list[tuple[str, Any]]
+    sources: list[tuple[str, Any]]  # each with its name in messages
 
 
 def survey(
-    whole: Setup, stiffer: float = 1.0, team: ProcessGroup = ALONE, subdomain: Subdomain | None = None
+    given_setup: Setup, stiffer: float = 1.0, team: ProcessGroup = ALONE, subdomain: Subdomain | None = None
 ) -> Survey:
-    """Determine the medium, the sides and the sources of a set-up; see `assemble`."""
-    setup, variation = (
-        varied(whole)
-        if subdomain is None
-        else (subdomain.reference_medium.uniform(whole), subdomain.reference_medium.variation_of(whole))
-    )
-    of_whole = None if subdomain is None else subdomain.whole
+    """Determine the medium, the sides and the sources of a set-up; see `assembled`."""
+    setup, variation, of_whole = given_setup, Variation(), None
+    if subdomain is not None:
+        setup, of_whole = subdomain.reference_medium.uniform(given_setup), subdomain.extremes
+        variation = subdomain.reference_medium.variation_of(given_setup)
+    elif given_setup.model.varying or given_setup.lattice.existing is not None:
+        setup, variation = varied(given_setup)
     lattice, model = setup.lattice, setup.model
-    autos = {key: b for key, b in setup.sides.items() if b.undecided}
-    sides = setup.sides | {key: b.as_layer(None, model.target) for key, b in autos.items()}
+    autos = {key: side for key, side in setup.sides.items() if side.undecided}
+    sides = setup.sides | {key: side.as_layer(None, model.target) for key, side in autos.items()}
     check_model(setup, sides)
     stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
-    check_repeats(setup, sides, stencil)
+    if setup.cracks:
+        check_repeats(setup, sides, stencil)
     check_memory(setup, stencil, by_target(setup, sides, stencil))
-    coefficient = node_factor(setup)
-    variation = variation.times(coefficient)
-    check_variation(sides, variation, stencil)
-    check_entrances(whole, sides, stencil)
+    coefficient = None
+    if setup.coefficient is not None:
+        coefficient = node_factor(setup)
+        variation = variation.times(coefficient)
+    if variation.stiffness is not None or variation.density is not None:
+        check_variation(sides, variation, stencil)
+    if any(side.derivatives for side in sides.values()):
+        check_entrances(given_setup, sides, stencil)
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
-    check_signals(setup, near)
-    waves = incident_waves(setup, near, sides if subdomain is None else subdomain.sides, _cuts(setup), team)
-    sources = given(setup, near, sides)
+    waves, sources = [], []
+    if setup.sources or setup.loads or setup.constraints:
+        check_signals(setup, near)
+        waves = incident_waves(setup, near, sides if subdomain is None else subdomain.sides, _cuts(setup), team)
+        sources = given(setup, near, sides)
     return Survey(setup, autos, near, _with_layers(setup, near, sides), waves, sources)
 
 
@@ -240,7 +184,7 @@ def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Pa
 def assemble_subdomain(
     setup: Setup, team: ProcessGroup, topology: Sequence[int] | None, observers: Sequence[Any]
 ) -> tuple[Subdomain, Whole, Parts]:
-    """Return the share of this process in a run, the whole for recorders, and the parts; see `assemble`, `shared`."""
+    """Return the subdomain of this process, the whole for recorders, and the parts; see `assembled`, `shared`."""
     check_divisible(setup, observers)
     check_choosable(setup)
 
@@ -248,86 +192,80 @@ def assemble_subdomain(
         subdomain, whole = shared(setup, team, topology, stiffer)
         return subdomain, whole, assembled(subdomain.setup, stiffer, team, subdomain)
 
-    return _stiffened(setup, team, built, lambda found: found[2])
+    return _stiffened(setup, team, built, lambda results: results[2])
 
 
 def _stiffened(setup: Setup, team: ProcessGroup, built: Callable[[float], T], parts_of: Callable[[T], Parts]) -> T:
-    """Build a run, and build it again if it turns out to be stiffer than the medium.
-
-    Parameters
-    ----------
-    setup : Setup
-    team : ProcessGroup
-    built : callable
-        Builds it for a stiffening; of several processes all fail if one does.
-    parts_of : callable
-        Returns the parts among its results.
+    """Build a run, for a stiffening, and build it again if it turns out to be stiffer than the medium; `parts_of`
+    returns the parts among what `built` does, which fails on all processes if it does on one.
     """
-    least = least_stiffening(setup)
-    found = built(least)
-    parts = parts_of(found)
+    least = 1.0 if setup.model.bonds else least_stiffening(setup)
+    results = built(least)
+    parts = parts_of(results)
+    if least == 1 and not team and not parts.grid.engine.passes:
+        return results  # forces are those of bonds alone
     stiffer = stiffening(parts.near, parts.grid, team, least)
     if stiffer == least:
-        return found
-    del found, parts  # so that only one is in memory
+        return results
+    del results, parts  # so that only one is in memory
     return built(stiffer)
 
 
 def assembled(
-    whole: Setup,
+    given_setup: Setup,
     stiffer: float = 1.0,
     team: ProcessGroup = ALONE,
     subdomain: Subdomain | None = None,
     margins_given: Mapping[Key, int] | None = None,
 ) -> Parts:
-    """Return the parts of a run; cheap checks of the set-up come before expensive ones.
+    """Return the parts of a run; cheap checks of the set-up come before expensive ones, and what the run does not use
+    is not entered.
 
-    Parameters
-    ----------
-    whole : Setup
-    stiffer : float
-        Largest squared frequency over that of the medium with all its bonds: the `stiffening` of a trial.
-    team : ProcessGroup
-        The processes that compute the run.
-    subdomain : Subdomain, optional
-        The share of this process; its set-up is `whole`.
-    margins_given : mapping of (axis, side) to int, optional
-        Nodes of the core beyond some sides of the near field, in place of those that are chosen.
-
-    Raises
-    ------
-    InputError
-        Anything that cannot be computed.
+    `stiffer` is the `stiffening` of a trial. On several processes the given set-up is that of the subdomain. Margins
+    that are given, in nodes of the core beyond some sides of the near field, replace those that are chosen.
     """
-    found = survey(whole, stiffer, team, subdomain)
-    setup, near, sides = found.setup, found.near, found.layered.sides
-    exterior = _look_beyond(found, team)
+    surveyed = survey(given_setup, stiffer, team, subdomain)
+    setup, near, sides = surveyed.setup, surveyed.near, surveyed.layered.sides
+    exterior = _look_beyond(surveyed, team)
     start = start_of(setup, near, sides, exterior)
     check_range(start, setup.dtype, team)
-    exterior.notes.extend(drifting(near, sides, setup.dtype))
-    exterior.check_cracks(_cuts(setup), near.stencil.reach)
-    source_terms = split_source_terms(found.sources, near, exterior)
+    if setup.dtype == "float32":
+        exterior.notes.extend(drifting(near, sides))
+    if setup.cracks:
+        exterior.check_cracks(_cuts(setup), near.stencil.reach)
+    source_terms = split_source_terms(surveyed.sources, near, exterior) if surveyed.sources else SourceTerms([], [])
     active_terms = source_terms.sources + [source_term for _, source_term in near.conditions.sources]
-    thermoelastic = frozenset() if subdomain is not None else thermoelastic_sides(setup, sides, near.dt)
+    thermoelastic = frozenset[Key]()
+    if setup.heat is not None and subdomain is None:
+        thermoelastic = thermoelastic_sides(setup, sides, near.dt)
     everywhere = bool(
-        found.waves or source_terms.unsplit or thermoelastic or of_field(setup)
+        surveyed.waves or source_terms.unsplit or thermoelastic or setup.depends_on_field
     )  # a hot spot may be anywhere
     emitters = Emitters(near, sides, start, tuple(active_terms), everywhere, partial(heat_front, setup, thermoelastic))
-    layered = extend(setup, found.layered, emitters, exterior.notes)
+    layered = surveyed.layered
+    if any(side.extended for side in sides.values()):
+        layered = extend(setup, layered, emitters, exterior.notes)
 
     states = states_of(setup, sides, near.variation.moduli is not None)
-    margins = _margins(found, layered, start, states, thermoelastic, team) | dict(margins_given or {})
-    check_conditions(near, sides, margins, exterior.notes)
-    link, neighbours = (None, None) if subdomain is None else (team.link, subdomain.neighbours)
-    grid = make_grid(setup, near, layered, margins, states, link, neighbours, bool(thermoelastic))
-    phases = _phases(setup, near, start, grid, active_terms)
-    closure = outline_condition(near, sides, grid, start.solid)
+    margins = _margins(surveyed, layered, start, states, team)
+    if thermoelastic:
+        margins |= thermoelastic_margins(setup, thermoelastic, layered)
+    margins |= margins_given or {}
+    conditioned = bool(near.conditions.nodes.size or near.prescribed.constraints or near.leak.size)
+    if conditioned:
+        check_conditions(near, sides, margins, exterior.notes)
+    exchange = None if subdomain is None else (team.link, subdomain.neighbours)
+    grid = make_grid(setup, near, layered, margins, states, exchange, bool(thermoelastic))
+    phases = None if setup.model.dissolution is None else _phases(setup, near, start, grid, active_terms)
+    closing = any(side.closing for side in sides.values())
+    closure = outline_condition(near, sides, grid, start.solid) if closing else None
     free_rim = setup.lattice.body is not None and setup.rim == "free"
     cuts = CutBonds(near, layered, grid, closure, free_rim, exterior.notes)
     law = setup.model.bond_law
-    incident = [incidence(one, near, sides, exterior.notes) for one in found.waves]
-    exterior.notes.extend(own_step(setup, near, bool(incident or (near.varies and signals(setup)))))
-    regions = [one.region for one in incident]
+    incident = [incidence(wave, near, sides, exterior.notes) for wave in surveyed.waves]
+    if incident or (near.varies and signals(setup)):
+        exterior.notes.extend(own_step(setup, near))
+    regions = [wave.region for wave in incident]
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts, regions, team)
     if law is not None and law.nonlinear and incident:
         exterior.notes.append(
@@ -337,16 +275,21 @@ def assembled(
     if breaking is not None and incident and not team.largest(float(np.prod(breaking.extent))):
         exterior.notes.append("the boxes of the incident waves have no node in common, so no bond will break")
     _set_engine(setup, grid, margins)
-    _cut(setup, cuts, breaking, exterior.notes)
-    held = hold_and_damp(near, layered, cuts, setup.rim == "fixed")
-    ends = exact_ends_of(near, sides, grid)
-    active_terms += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
-    of_the_field = field_source_terms(setup, near, sides, grid, team)
-    active_terms += [source_term for _, source_term in of_the_field]
+    ends_somewhere = free_rim or not all(side.bonded for side in sides.values())
+    if team or setup.cracks or layered.layers or closing or ends_somewhere or law is not None:
+        _cut(setup, cuts, breaking, exterior.notes)
+    held, fixed_rim = np.zeros(0, np.int64), setup.rim == "fixed"
+    damped = conditioned or any(side.damped for side in sides.values())
+    if damped or fixed_rim or grid.walled or grid.engine.absent.outside.size:
+        held = hold_and_damp(near, layered, cuts, fixed_rim)
+    ends = exact_ends_of(near, sides, grid) if any(side.exact for side in sides.values()) else None
+    active_terms += [(None, lambda t, wave=wave: wave.source(t) / setup.model.source_factor) for wave in incident]
+    terms_of_field = field_source_terms(setup, near, sides, grid, team) if setup.depends_on_field else []
+    active_terms += [source_term for _, source_term in terms_of_field]
     return Parts(
         near,
         layered,
-        found.autos,
+        surveyed.autos,
         exterior,
         start,
         source_terms,
@@ -360,19 +303,24 @@ def assembled(
         ends,
         incident,
         active_terms,
-        of_the_field,
+        terms_of_field,
         Whole(near, layered.sides),
         thermoelastic,
     )
 
 
-def _look_beyond(found: Survey, team: ProcessGroup) -> Exterior:
+def _look_beyond(surveyed: Survey, team: ProcessGroup) -> Exterior:
     """Prepare the checks beyond absorbing sides, with all notes so far and those on a medium that varies there."""
-    setup, near, layered = found.setup, found.near, found.layered
+    setup, near, layered = surveyed.setup, surveyed.near, surveyed.layered
     lattice, stencil = setup.lattice, near.stencil
-    depth = layered.depth(stencil, lattice.spacing, lattice.shape)
-    exterior = Exterior(lattice, layered.sides, setup.model.target, depth, near.closed, team.largest)
-    exterior.notes += near.conditions.notes + layered.doubts + jumps(setup, near)
+    depth: dict[Key, int] = {}
+    if any(side.endless for side in layered.sides.values()):
+        depth = layered.depth(stencil, lattice.spacing, lattice.shape)
+    largest = team.largest if team else float
+    exterior = Exterior(lattice, layered.sides, setup.model.target, depth, near.closed, largest)
+    exterior.notes += near.conditions.notes + layered.doubts
+    if surveyed.sources:
+        exterior.notes += jumps(setup, near)
     if near.growth:
         exterior.notes.append(f"the medium grows by itself, e-fold in t = {1 / near.growth:.3g}, and so do all errors")
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
@@ -387,28 +335,21 @@ def _look_beyond(found: Survey, team: ProcessGroup) -> Exterior:
 
 
 def _margins(
-    found: Survey,
-    layered: LayeredSides,
-    start: Start,
-    states: ForceStates | None,
-    thermoelastic: frozenset[Key],
-    team: ProcessGroup,
+    surveyed: Survey, layered: LayeredSides, start: Start, states: ForceStates | None, team: ProcessGroup
 ) -> dict[Key, int]:
     """Return the number of nodes of the core beyond each side of the near field."""
-    setup, near = found.setup, found.near
+    setup, near = surveyed.setup, surveyed.near
     medium = [start.solid, *near.variation.of_waves]
     if setup.lattice.existing is not None:
         medium.append(setup.lattice.existing)
-    margins = choose_margins(near, layered, (start.u, start.v), medium, _cuts(setup), states, team)
-    return margins | thermoelastic_margins(setup, thermoelastic, layered)
+    return choose_margins(near, layered, (start.u, start.v), medium, _cuts(setup), states, team)
 
 
 def _phases(
     setup: Setup, near: NearField, start: Start, grid: Grid, active_terms: Sequence[SourceTerm]
-) -> SolidAndLiquid | None:
-    """Return the phases of a corrosion, placed on the grid; None for other models."""
-    if setup.model.dissolution is None:
-        return None
+) -> SolidAndLiquid:
+    """Return the phases of a corrosion, placed on the grid."""
+    assert setup.model.dissolution is not None
     phases = SolidAndLiquid(grid, setup.model.dissolution, setup.background, start.solid)
     phases.start()
     if start.solid.any():
@@ -446,6 +387,8 @@ def _cuts(setup: Setup) -> list[Cut]:
 def _with_layers(setup: Setup, near: NearField, sides: Sides) -> LayeredSides:
     """Return the surroundings with layers; those that are to be chosen have a default number of nodes."""
     layered = by_target(setup, sides, near.continued, near.contrast.sides)
+    if not layered.layers:
+        return layered
     layers = with_one_filter(layered.layers, near.rate_limit, near.dt, near.lattice.dim)
     return replace(layered, layers=layers, undesigned=undesigned(near, sides))
 
@@ -461,22 +404,16 @@ def _acted_on(near: NearField, active_terms: Sequence[SourceTerm]) -> np.ndarray
 def shared(
     setup: Setup, team: ProcessGroup, topology: Sequence[int] | None, stiffer: float = 1.0
 ) -> tuple[Subdomain, Whole]:
-    """Return the share of this process in a run, and the whole for recorders; `stiffer` as in `assembled`.
-
-    No process evaluates the whole set-up.
-
-    Raises
-    ------
-    InputError
-        The run is not possible on several processes.
+    """Return the subdomain of this process, and the whole for recorders, without evaluating the whole set-up on any
+    process; raises InputError if the run is not possible on several processes.
     """
     reference_medium, _ = reference_and_variation(setup, team)
     uniform = reference_medium.uniform(setup)
     stencil = uniform.model.medium(setup.lattice.spacing, setup.lattice.dim)
     check_repeats(setup, setup.sides, stencil)
-    held = tuple(one for one in setup.constraints if isinstance(one, Prescribed))
-    bare = replace(uniform, initial={}, loads=(), coefficient=None, constraints=held)
+    prescribed = tuple(condition for condition in setup.constraints if isinstance(condition, Prescribed))
+    bare = replace(uniform, initial={}, loads=(), coefficient=None, constraints=prescribed)
     extremes = extremes_of(setup, reference_medium, stencil, team, stiffer)
     layered = by_target(uniform, setup.sides, stencil, extremes.contrast.sides)
-    near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
+    near = near_field(bare, setup.sides, stencil, Variation(), extremes=extremes)
     return subdomain_of(setup, reference_medium, layered, near, team, topology), Whole(near, setup.sides, team)

@@ -39,11 +39,11 @@ def packed(run: Any) -> tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any
     return _unpacked, (type(run), given, state, None if run.probes is None else run.probes.nodes), kept
 
 
-def _unpacked(kind: Any, given: dict[str, Any], state: bytes, watched: Any) -> Any:
+def _unpacked(run_type: Any, given: dict[str, Any], state: bytes, watched: Any) -> Any:
     with TemporaryDirectory() as folder:
         path = Path(folder, "state")
         path.write_bytes(state)
-        run = kind.restore(path, **given)
+        run = run_type.restore(path, **given)
     if watched is not None:
         run._set_probes(watched)
     return run

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -23,10 +24,9 @@ from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.quantities import shown_fields
 from farhorizon.simulation.recorders.recorder import Observer, Recorder
 from farhorizon.simulation.recorders.recording import Probes
+from farhorizon.simulation.time.checkpoint import arguments_in
 from farhorizon.simulation.time.outer_loop import check_ahead, checked_end, run_to_step, warn_once
-from farhorizon.simulation.time.outlines import outlines_of
-from farhorizon.simulation.time.output import RunResults, written
-from farhorizon.simulation.time.resume import stored
+from farhorizon.simulation.time.output import RunResults, outlines_of, written
 from farhorizon.simulation.time.steady_state import SteadyState, SteadyStateQuantities, steady_state_criterion
 from farhorizon.simulation.time.steps import last_step, steps_between
 
@@ -100,8 +100,10 @@ class Run(ABC):
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
         """Initialize a run that computes `nodes` nodes, before its first step."""
         given = kinds.sequence(observe, "observe", "functions of the run, and recorders")
-        self.recorders = [one for one in given if isinstance(one, Recorder)]
-        self.observers = [kinds.function(one, "observe", "run") for one in given if not isinstance(one, Recorder)]
+        self.recorders = [observer for observer in given if isinstance(observer, Recorder)]
+        self.observers = [
+            kinds.function(observer, "observe", "run") for observer in given if not isinstance(observer, Recorder)
+        ]
         self.stop_requested = False
         self.cautions: list[Caution] = []
         self.time, self.step_count, self.next_look, self.peak, self.rest = 0.0, 0, 0, 0.0, None
@@ -175,7 +177,9 @@ class Run(ABC):
         """
         ends = {"until": until, "every": every, "tolerance": tolerance, "limit": limit, "output": output}
         self.team.alike({"run": ends})
-        rest = steady_state_criterion(self, until, tolerance, limit)
+        rest = None
+        if isinstance(until, str) or tolerance is not None or limit is not None:
+            rest = steady_state_criterion(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
         check_ahead(self, end, "run.until")
         count = None if every is None else steps_between(every, self.dt)
@@ -183,7 +187,7 @@ class Run(ABC):
         self.examine(end, allow_unstable)
         show = progress if self.team.number == 0 else False
         self.rest = rest
-        with written(self, output):
+        with nullcontext() if output is None else written(self, output):
             if rest is None:
                 run_to_step(self, last, count, show)
             elif rest.over(self) or run_to_step(self, last, count, show, lambda: rest.reached(self), rest.pace):
@@ -240,8 +244,8 @@ class Run(ABC):
             self.lattice.whole, points, 1 if every is None else steps_between(every, self.dt, "probes.every")
         )
         self._set_probes(probes.nodes)
-        field, (inside, own) = self.fields["u"], self.lattice.own(probes.nodes)
-        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own].T
+        field, (inside, own_nodes) = self.fields["u"], self.lattice.own(probes.nodes)
+        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own_nodes].T
         probes.add(self.step_count, self.dt, self.team.completed(now, np.flatnonzero(inside), len(inside), 0)[None])
         self.probes = probes
         return probes
@@ -274,8 +278,8 @@ class Run(ABC):
         """
         from farhorizon.simulation.recorders.far_field import FarField
 
-        found = {one.name: one for one in self.recorders if isinstance(one, FarField)}
-        if not found:
+        far_fields = {recorder.name: recorder for recorder in self.recorders if isinstance(recorder, FarField)}
+        if not far_fields:
             raise InputError(
                 "the run records no far field",
                 value=f"{len(self.recorders)} recorders",
@@ -283,11 +287,13 @@ class Run(ABC):
                 key="far_field",
                 remedy="observe=[FarField()], or [far_field] in the case file",
             )
-        if name is None and len(found) > 1:
+        if name is None and len(far_fields) > 1:
             raise InputError(
-                "the run records several far fields", value=list(found), limit="1", key="name", remedy="name one"
+                "the run records several far fields", value=list(far_fields), limit="1", key="name", remedy="name one"
             )
-        return found[next(iter(found)) if name is None else kinds.one_of(name, "name", found, "no such far field")]
+        return far_fields[
+            next(iter(far_fields)) if name is None else kinds.one_of(name, "name", far_fields, "no such far field")
+        ]
 
     @abstractmethod
     def _set_probes(self, nodes: np.ndarray) -> None:
@@ -494,6 +500,6 @@ class Run(ABC):
         FileFormatError
             A damaged or foreign file, or changes that result in another set-up.
         """
-        run = cls(**{**stored(path, cls.__name__, changes), **changes})
+        run = cls(**{**arguments_in(path, cls.__name__, changes), **changes})
         run.load(path)
         return run

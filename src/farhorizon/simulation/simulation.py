@@ -34,17 +34,23 @@ from farhorizon.simulation.recorders.recorder import Observer
 from farhorizon.simulation.recorders.recording import Recording
 from farhorizon.simulation.recorders.running_cracks import with_energy_factor
 from farhorizon.simulation.run import Run
-from farhorizon.simulation.setup.laws import of_field
-from farhorizon.simulation.setup.modified_setups import remade_setup, shortened_setup
-from farhorizon.simulation.setup.overstretch import look_at
+from farhorizon.simulation.setup.modified_setups import evaluated_setup, remade_setup, shortened_setup
 from farhorizon.simulation.setup.setup import Key, Setup, side_name
 from farhorizon.simulation.setup.thin_bodies import thin_note
 from farhorizon.simulation.sides.layer_choice import default_length
 from farhorizon.simulation.sides.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
+from farhorizon.simulation.time.breaking import look_at
 from farhorizon.simulation.time.checkpoint_files import read_state, write_state
 from farhorizon.simulation.time.energies import present
-from farhorizon.simulation.time.guard import likely_cause, refuse_explosion
-from farhorizon.simulation.time.outer_loop import MOST_STEPS, advance_clock, checked_end, warn, warn_once
+from farhorizon.simulation.time.outer_loop import (
+    MOST_STEPS,
+    advance_clock,
+    checked_end,
+    likely_cause,
+    refuse_explosion,
+    warn,
+    warn_once,
+)
 from farhorizon.simulation.time.source_terms import incident_wave_notes, signals
 from farhorizon.simulation.time.steady_state import progress_of, take_progress
 from farhorizon.simulation.time.steps import last_step, seconds_of
@@ -189,10 +195,15 @@ class Simulation(Run):
         self, setup: Setup, observe: Sequence[Observer], team: ProcessGroup, topology: Sequence[int] | None
     ) -> None:
         """Assemble a set-up, go to its start, and set the attributes that other modules read."""
-        self.setup, self.team, self.topology = setup, team, check_given(setup, observe, topology, team)
+        self.setup, self.team, self.topology = setup, team, None
+        if team or topology is not None:
+            self.topology = check_given(setup, observe, topology, team)
         self.subdomain: Subdomain | None = None
         with team.agreed():
-            setup = with_energy_factor(setup, self.of, team)
+            if setup.model.varying and not team:
+                setup = evaluated_setup(setup)
+            if setup.model.bond_law is not None:
+                setup = with_energy_factor(setup, self.of, team)
             if team:
                 self.subdomain, whole, parts = assemble_subdomain(setup, team, self.topology, observe)
             else:
@@ -204,28 +215,32 @@ class Simulation(Run):
         self.sides, self.closure, self.prescribed = layered.sides, parts.closure, near.prescribed
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
-        self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
-        self.of_field = of_field(setup)
+        self.fastest_rate, self.weakest, self.of_field = near.fastest_rate, near.weakest, setup.depends_on_field
+        self.signals = signals(setup) if setup.sources or setup.loads or setup.constraints else []
         self.growth, self.varied = near.growth, bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.source_terms.sources
         self.coefficients, self.incident, self.extents = layered.coefficients, parts.incident, layered.extents
-        every = team.gather(
-            layered.beyond(near.stencil, near.lattice.spacing)
-        )  # 0 beyond sides shared with a neighbour
-        self.beyond = {key: max(one[key] for one in every) for key in layered.sides}
-        sides = resolved_sides(layered)
+        # 0 beyond sides shared with a neighbour
+        beyond_of_all = team.gather(layered.beyond(near.stencil, near.lattice.spacing))
+        self.beyond = {key: max(beyond[key] for beyond in beyond_of_all) for key in layered.sides}
+        sides = {side_name(*key): side for key, side in layered.sides.items()}
+        if layered.extents:
+            sides = resolved_sides(layered)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # end of the run, as far as it is known
         self._incident_notes: list[str] = []
-        given = self.setup.sides if team else self.sides
-        self._side_selection = SideSelection(parts.autos, [key for key, b in given.items() if b.open_ended])
+        sides_of_all = self.setup.sides if team else self.sides
+        self._chooses = any(b.stretched or b.extended or b.undecided for b in sides_of_all.values())
+        self._side_selection = SideSelection(parts.autos, [key for key, b in sides_of_all.items() if b.open_ended])
         with team.agreed():
             self.resting = self._time_loop = TimeLoop(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
-        self._recording = Recording(setup, seen, self.recorders, team, self._time_loop.heating)
-        if any(b.until for b in self._given_layers):
+        self._recording: Recording | None = None
+        if self.recorders:
+            self._recording = Recording(setup, seen, self.recorders, team, self._time_loop.heating)
+        if self._chooses and any(b.until for b in self._given_layers):
             self._select_sides_alone()
 
     # --- time stepping -----------------------------------------------------------------------------------------
@@ -240,9 +255,10 @@ class Simulation(Run):
             The part of a source beyond the near field exceeds the side's target; an incident wave that is not known for
             the whole run.
         """
-        with self.team.agreed():
-            self._time_loop.source_checks.check(until)
-        self._incident_notes = incident_wave_notes(self.incident, until)
+        if self._time_loop.source_checks is not None:
+            with self.team.agreed():
+                self._time_loop.source_checks.check(until)
+        self._incident_notes = incident_wave_notes(self.incident, until) if self.incident else []
 
     def prepare(self, until: float) -> int:
         """Prepare the sides, sources and exact ends of a run, as `run` does first; returns the number of the last step.
@@ -253,21 +269,27 @@ class Simulation(Run):
             As in `check_sources`; a kernel or a domain that does not fit into memory.
         """
         self.team.alike({"run.until": until})
-        if not self.step_count:  # before layers are chosen for sources that the run cannot have
-            self.check_sources(until)
-        self._side_selection.select(self, until)
+        if self._chooses:
+            if not self.step_count:  # before layers are chosen for sources that the run cannot have
+                self.check_sources(until)
+            self._side_selection.select(self, until)
         self.check_sources(until)
-        self._incident_notes += many_steps(self, until)
-        if self.parts.layered.undesigned and not self._end:
-            warn(self.parts.layered.undesigned)
-        for text in extension_warnings(self.parts.layered, until, self.dt):
-            if text not in extension_warnings(self.parts.layered, self._end, self.dt):
-                warn(text)
+        if self.model.order == 1:
+            self._incident_notes += many_steps(self, until)
+        layered = self.parts.layered
+        if layered.undesigned and not self._end:
+            warn(layered.undesigned)
+        if layered.extents:
+            known = extension_warnings(layered, self._end, self.dt)
+            for text in extension_warnings(layered, until, self.dt):
+                if text not in known:
+                    warn(text)
         self._end = max(self._end, until)
         last = super().prepare(until)
-        self._recording.foresee(until, last)
-        if self.exact_ends is not None:
-            self.exact_ends.cover(last)
+        if self._recording is not None:
+            self._recording.foresee(until, last)
+        if self.parts.ends is not None:
+            self.parts.ends.cover(last)
         return last
 
     def take(self, sides: Mapping[Key, Side]) -> None:
@@ -278,15 +300,15 @@ class Simulation(Run):
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
         seen: list[Observer] = [*self.observers, *self.recorders]
         changed = replace(settled, boundary=named, dt=self.dt)  # the step for which layers are chosen
-        other = self.of(changed, seen, self.team, self.topology)
-        alike = np.array_equal(other.start_u, self.start_u) and np.array_equal(other.start_v, self.start_v)
+        retaken = self.of(changed, seen, self.team, self.topology)
+        alike = np.array_equal(retaken.start_u, self.start_u) and np.array_equal(retaken.start_v, self.start_v)
         if not (alike or self.team):
             # a function that is random, for example: its first values count
             first = {"u": self.start_u + self.background, "v": self.start_v}
             known = {name: value for name, value in first.items() if name in (settled.initial or {})}
-            other = self.of(replace(changed, initial=known), seen, self.team, self.topology)
+            retaken = self.of(replace(changed, initial=known), seen, self.team, self.topology)
         kept = ("setup", "stop_requested", "probes", "_side_selection")
-        self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
+        self.__dict__ = retaken.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
             self._set_probes(self.probes.nodes)
 
@@ -316,31 +338,37 @@ class Simulation(Run):
             The field became non-finite or grew beyond all bounds.
         """
         last = self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
-        self._select_sides_alone()
-        time_loop = self._time_loop
+        if self._chooses:
+            self._select_sides_alone()
+        time_loop, recording = self._time_loop, self._recording
         while self.step_count < last:
             with self.team.agreed():
                 with uninterrupted():  # engine, records and clock change together
-                    time_loop.open_cracks(self.step_count)
-                    wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
-                    steps = time_loop.allow(self.step_count, wanted)
+                    if self.setup.cracks:
+                        time_loop.open_cracks(self.step_count)
+                    steps = min(last - self.step_count, self.guard_steps)
+                    if recording is not None:
+                        steps = recording.allow(self.step_count, steps)
+                    steps = time_loop.allow(self.step_count, steps)
                     for made in time_loop.advance(self.step_count, steps):
-                        self._recording.add(self.step_count + 1)
-                        if self.probes is not None:
-                            self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
+                        if recording is not None:
+                            recording.add(self.step_count + 1)
+                            if self.probes is not None:
+                                self.probes.add(self.step_count + 1, self.dt, recording.probed())
                         advance_clock(self, made)
-                values, scale = (
-                    self.engine.core.view(self.engine.current),
-                    self.team.largest(time_loop.source_table.scale),
-                )
+                values = self.engine.core.view(self.engine.current)
+                scale = self.team.largest(time_loop.source_table.scale)
                 place = self.parts.grid.origin, self.lattice.spacing, scale, self.step_count, self.time
                 refuse_explosion(values, *place, lambda: likely_cause(self))
             if self.parts.phases is not None and self.setup.specimens and not self.cautions:
                 if (warning := self.parts.phases.warning(self.team.largest(self.parts.phases.most))) is not None:
                     warn_once(self, "supersaturated", warning)
-            look_at(self, time_loop.margin, time_loop.every, self.engine.current)
+            if time_loop.every:
+                look_at(self, time_loop.margin, time_loop.every, self.engine.current)
 
     def _set_probes(self, nodes: np.ndarray) -> None:
+        if self._recording is None:
+            self._recording = Recording(self.setup, self.parts, team=self.team)
         self._recording.set_probes(nodes)
 
     # --- results -----------------------------------------------------------------------------------------------
@@ -418,8 +446,8 @@ class Simulation(Run):
         """
         self.team.alone("fluxes at nodes")
         tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
-        found = nodal_flux(*tables, self.lattice.spacing)
-        return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
+        flux = nodal_flux(*tables, self.lattice.spacing)
+        return flux if self.lattice.mask is None else np.where(self.lattice.mask, flux, np.nan)
 
     def power_across(self, axis: str, position: float) -> float:
         """Power across a plane, towards larger coordinates: the sum over the bonds of the near field that cross it.
@@ -448,7 +476,7 @@ class Simulation(Run):
         overdue = extension_warnings(self.parts.layered, max(self._end, self.time), self.dt)
         chosen = self._side_selection.doubts + self._side_selection.why
         notes = self.parts.exterior.notes + ends + self._remarks + chosen + overdue + self._incident_notes
-        return notes + self._soft + self._recording.notes
+        return notes + self._soft + ([] if self._recording is None else self._recording.notes)
 
     @cached_property
     def _soft(self) -> list[str]:
@@ -527,7 +555,8 @@ class Simulation(Run):
             Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """
         self.team.alone("certificates")
-        self._select_sides_alone()
+        if self._chooses:
+            self._select_sides_alone()
         return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
@@ -556,7 +585,8 @@ class Simulation(Run):
             self._side_selection.select(self, checked_end(until, self.dt))
             self._side_selection.assess_given(self, until)
             self.check_sources(until)
-            self._recording.foresee(until, last_step(until, self.dt))
+            if self._recording is not None:
+                self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget, rows_on_processes(self, self.topology))
 
     # --- state -------------------------------------------------------------------------------------------------
@@ -565,14 +595,16 @@ class Simulation(Run):
         """Write the complete state, with the memory of the boundaries, to a temporary file, which is then renamed."""
         kept = {"cautions": self.cautions, "extra": extra, **progress_of(self)}
         path, given = kinds.path(path, "path"), self.given if self.subdomain is None else self.subdomain.given
-        write_state(path, self._time_loop, self.step_count, self._recording.state(), kept, given)
+        recorded = {} if self._recording is None else self._recording.state()
+        write_state(path, self._time_loop, self.step_count, recorded, kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
         with self.team.agreed():
             self._side_selection.adopt(self, path)
         step, arrays, meta = read_state(kinds.path(path, "path"), self._time_loop)
         self.step_count, self.time = step, step * self.dt
-        self._recording.take(arrays, self.step_count)
+        if self._recording is not None:
+            self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         take_progress(self, meta)
         return dict(meta["extra"])

@@ -20,33 +20,15 @@ from farhorizon.errors import InputError
 
 @dataclass(frozen=True)
 class Row:
-    """One number of a table or figure.
+    """One number of a table or figure."""
 
-    Attributes
-    ----------
-    what : str
-        Description, e.g. ``"t = 5, dt = 0.001"``.
-    ours : float
-    printed : float, optional
-        Value in the paper or of the exact solution; None if there is none.
-    corrected : float, optional
-        Correct value of a misprint.
-    note : str
-        Explanation, in one line.
-    reason : str
-        Why the computed number deviates from the printed one by more than the tolerance of the collection; empty where
-        it does not, or where nobody knows why it does.
-    key : bool
-        Listed also without the details, although the paper prints no number: what answers a statement of the paper.
-    """
-
-    what: str
+    what: str  # such as "t = 5, dt = 0.001"
     ours: float
-    printed: float | None = None
-    corrected: float | None = None
-    note: str = ""
-    reason: str = ""
-    key: bool = False
+    printed: float | None = None  # value in the paper or of the exact solution
+    corrected: float | None = None  # correct value of a misprint
+    note: str = ""  # explanation, in one line
+    reason: str = ""  # of a deviation by more than the tolerance of the collection, where it is known
+    key: bool = False  # answers a statement of the paper, and is listed without the details though no number is printed
 
     @property
     def expected(self) -> float | None:
@@ -65,23 +47,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Setting:
-    """One parameter of a computation, beside that of the paper.
+    """One parameter of a computation, beside that of the paper."""
 
-    Attributes
-    ----------
-    what : str
-        Description, e.g. ``"time step"``.
-    ours : float
-    paper : float, optional
-        Value in the paper; None if the paper does not state it.
-    note : str
-        Explanation, in one line.
-    """
-
-    what: str
+    what: str  # such as "time step"
     ours: float
-    paper: float | None = None
-    note: str = ""
+    paper: float | None = None  # None if the paper does not state it
+    note: str = ""  # explanation, in one line
 
     def __str__(self) -> str:
         """The setting in one line, with the ratio where it is not that of the paper."""
@@ -103,25 +74,13 @@ _SAME = 1e-9  # relative difference between settings that are the same number up
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a figure or table of the paper shows, and what the computation shows.
+    """What a figure or table of the paper shows, and what the computation shows."""
 
-    Attributes
-    ----------
-    item : str
-        The figure or table, e.g. ``"figure 5"``.
-    paper, ours : str
-        What each of them shows, as the end of a sentence that begins with "shows".
-    agrees : bool
-        Determined from the computed numbers.
-    reason : str
-        Why they differ, if they do and it is known.
-    """
-
-    item: str
-    paper: str
+    item: str  # such as "figure 5"
+    paper: str  # the end of a sentence that begins with "shows", as the next one
     ours: str
-    agrees: bool
-    reason: str = ""
+    agrees: bool  # determined from the computed numbers
+    reason: str = ""  # why they differ, if they do and it is known
 
     def __str__(self) -> str:
         """The comparison as one sentence."""
@@ -134,14 +93,14 @@ class Comparison:
         printed = [row for row in rows if row.deviation is not None]
         off = [row for row in printed if not row.within(tolerance)]
         misprints = sum(row.corrected is not None for row in printed)
-        found = f"{len(printed) - len(off)} of them within {100 * tolerance:g} %"
+        ours = f"{len(printed) - len(off)} of them within {100 * tolerance:g} %"
         if len(off) < len(printed):
-            found += f", the largest deviation of these {max(_percent(row) for row in printed if row not in off):.1f} %"
+            ours += f", the largest deviation of these {max(_percent(row) for row in printed if row not in off):.1f} %"
         if misprints:
-            found += f", {misprints} of them after correcting a misprint"
+            ours += f", {misprints} of them after correcting a misprint"
         reasons = dict.fromkeys(row.reason for row in off)
         reason = "" if "" in reasons else "; ".join(reasons)
-        return cls(item, paper or f"{len(printed)} numbers", found, not off, reason)
+        return cls(item, paper or f"{len(printed)} numbers", ours, not off, reason)
 
 
 def _percent(row: Row) -> float:
@@ -150,20 +109,7 @@ def _percent(row: Row) -> float:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of an entry.
-
-    Attributes
-    ----------
-    rows : list of Row
-    infinite_error : dict of str to float
-        For each boundary, the largest difference from the infinite medium at the same time step, relative to the
-        initial maximum.
-    pictures : list of Path
-    comparisons : list of Comparison
-        One for each figure or table of the paper.
-    settings : list of Setting
-        Grid, steps and what else decides how close the computation is to that of the paper.
-    """
+    """Result of an entry, whose parts `OutcomeFacts` describes."""
 
     rows: list[Row]
     infinite_error: dict[str, float] = field(default_factory=dict)
@@ -174,7 +120,7 @@ class Outcome:
     def unexplained(self, tolerance: float) -> list[str]:
         """What deviates from the paper by more than `tolerance`, or contradicts it, without a known reason."""
         rows = [row.what for row in self.rows if not row.within(tolerance) and not row.reason]
-        return rows + [found.item for found in self.comparisons if not found.agrees and not found.reason]
+        return rows + [shown.item for shown in self.comparisons if not shown.agrees and not shown.reason]
 
 
 class RowFacts(TypedDict):
@@ -261,31 +207,16 @@ class EntryFacts(TypedDict):
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of a collection.
-
-    Attributes
-    ----------
-    name, paper, title : str
-    function : callable
-        Takes the folder of the pictures, and `full` if the entry is scaled.
-    takes : str
-        Approximate run time on two cores, once everything needed is compiled, such as "seconds" or "2 min".
-    full : str
-        The same in full size, if the default is a smaller version or has larger steps; empty if there is only one size.
-    figures : tuple of str
-        Figures and tables that it computes besides that of its name, such as ``("fig5",)``.
-    readings : tuple of str
-        How the paper is read where it leaves something open or does not lead to its own numbers, one line each.
-    """
+    """An entry of a collection."""
 
     name: str
     paper: str
     title: str
-    function: Callable[..., Outcome]
-    takes: str = "seconds"
-    full: str = ""
-    figures: tuple[str, ...] = ()
-    readings: tuple[str, ...] = ()
+    function: Callable[..., Outcome]  # of the folder of the pictures, and of `full` if the entry is scaled
+    takes: str = "seconds"  # run time on two cores, once everything needed is compiled, such as "2 min"
+    full: str = ""  # the same in full size, if the default is smaller or has larger steps
+    figures: tuple[str, ...] = ()  # computed besides that of its name, such as ("fig5",)
+    readings: tuple[str, ...] = ()  # of the paper where it leaves something open or contradicts its own numbers
 
     @property
     def group(self) -> str:
@@ -323,7 +254,7 @@ class Entry:
         }
 
     def as_json(self, outcome: Outcome) -> OutcomeFacts:
-        """Return an outcome as plain data."""
+        """An outcome as plain data."""
         rows = [_row_facts(row) for row in outcome.rows]
         pictures = [path.name for path in outcome.pictures]
         comparisons: list[ComparisonFacts] = [
@@ -358,28 +289,13 @@ def _row_facts(row: Row) -> RowFacts:
 
 @dataclass(frozen=True)
 class Collection:
-    """Entries by name.
+    """Entries by name."""
 
-    Attributes
-    ----------
-    command : str
-        The command that lists and computes them.
-    package : str
-        Package of the modules that enter them.
-    modules : tuple of str
-        Names of these modules, in the order of the list.
-    known : str
-        Heading of the column of known numbers.
-    tolerance : float
-        Relative deviation from a known number beyond which a reason is required; infinite if the entries judge
-        themselves.
-    """
-
-    command: str
-    package: str
-    modules: tuple[str, ...]
-    known: str
-    tolerance: float = float("inf")
+    command: str  # which lists and computes them
+    package: str  # of the modules that enter them
+    modules: tuple[str, ...]  # in the order of the list
+    known: str  # heading of the column of known numbers
+    tolerance: float = float("inf")  # deviation beyond which a reason is required; infinite if entries judge themselves
     _entries: dict[str, Entry] = field(default_factory=dict)
 
     def enter(
@@ -403,24 +319,20 @@ class Collection:
         return entered
 
     def entries(self) -> dict[str, Entry]:
-        """Return all entries by name, in the order of the modules."""
+        """All entries by name, in the order of the modules."""
         for module in self.modules:
             importlib.import_module(f"{self.package}.{module}")
         return dict(self._entries)
 
     def names(self) -> list[str]:
-        """Return everything that `select` knows: entries, figures that they draw, groups of entries, and "all"."""
+        """Everything that `select` knows: entries, figures that they draw, groups of entries, and "all"."""
         entries = self.entries().values()
         figures = [name for entry in entries for name in entry.other_names]
         return [*self.entries(), *figures, *dict.fromkeys(entry.group for entry in entries), "all"]
 
     def select(self, name: str) -> list[Entry]:
-        """Return the entries of a name: one, all of a group such as a paper, or all.
-
-        Raises
-        ------
-        InputError
-            The name is unknown; the closest known one is suggested.
+        """The entries of a name: one, all of a group such as a paper, or all. InputError for an unknown name, with the
+        closest known one.
         """
         entries = self.entries()
         if name in entries:
@@ -438,7 +350,7 @@ class Collection:
         return chosen
 
     def find(self, name: str) -> Entry:
-        """Return the first entry of a name, as `select`."""
+        """The first entry of a name, as `select`."""
         return self.select(name)[0]
 
 
@@ -450,7 +362,7 @@ def _number(value: float) -> str:
 
 
 def outcome_table(outcome: Outcome, known: str, details: bool = True, tolerance: float = 0.0) -> str:
-    """Return the rows as text: the computed number, the known one under its heading, deviation, note.
+    """The rows as text: the computed number, the known one under its heading, deviation, note.
 
     Rows with a known number come first; without `details` those without one are left out, except for key ones. Reasons
     are those of deviations beyond `tolerance`.

@@ -49,42 +49,21 @@ class Curve(TypedDict):
 
 @dataclass
 class Comparison:
-    """Errors of each boundary against the infinite medium.
+    """Errors of each boundary against the infinite medium."""
 
-    Attributes
-    ----------
-    reference : str
-        How the infinite medium was computed.
-    times : list of float
-    curves : dict of str to Curve
-        Errors of each boundary.
-    fields : dict of str to ndarray
-        The field at `shown_time`: "infinite medium" and each boundary.
-    edges : str
-        Where the fixed and the free edges lie.
-    scale : str
-        What the relative errors refer to: with zero initial values, constraints or incident waves the largest value of
-        the run.
-    growth : dict of str to float
-        With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over
-        the second half of the run.
-    growth_bound : float
-        Growth of backward waves in the layer to first order in its strength.
-    left_out : str
-        An absorber that would be applicable but was not run, and why.
-    """
-
-    reference: str
-    initial: float
+    reference: str  # how the infinite medium was computed
+    initial: float  # to which relative errors refer, in words `scale`
     times: list[float] = field(default_factory=list)
     curves: dict[str, Curve] = field(default_factory=dict)
-    fields: dict[str, np.ndarray] = field(default_factory=dict)
+    fields: dict[str, np.ndarray] = field(default_factory=dict)  # at `shown_time`: "infinite medium", each boundary
     shown_time: float = 0.0
-    edges: str = ""
+    edges: str = ""  # where the fixed and the free edges lie
     scale: str = "initial maximum"
-    growth: dict[str, float] = field(default_factory=dict)
-    growth_bound: float = 0.0
-    left_out: str = ""
+    growth: dict[str, float] = field(
+        default_factory=dict
+    )  # of errors with backward waves, over the second half, 1/time
+    growth_bound: float = 0.0  # of backward waves in the layer, to first order in its strength
+    left_out: str = ""  # an absorber that would be applicable but was not run, and why
 
     @property
     def headline(self) -> str:
@@ -93,14 +72,14 @@ class Comparison:
         return f"error of the {name} at most {curve['error_max_over_run'] / self.initial:.2g} of the {self.scale}"
 
     def as_json(self) -> dict[str, Curve]:
-        """Return the errors by boundary as plain data."""
+        """The errors by boundary as plain data."""
         growing: dict[str, Curve] = {
             name: {**self.curves[name], "growth_rate": rate} for name, rate in self.growth.items()
         }
         return self.curves | growing
 
     def table(self) -> str:
-        """Return the errors at up to eight times as text, one row per time, relative to the initial maximum."""
+        """The errors at up to eight times as text, one row per time, relative to the initial maximum."""
         names = list(self.curves)
         rows = [f"{'t':>10}" + "".join(f"{n:>16}" for n in names)]
         some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
@@ -135,8 +114,8 @@ class Comparison:
 
 
 def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
-    """Return the slope of the logarithm of positive values over the second half of the times, by least squares; 0 if
-    there are fewer than two.
+    """Slope of the logarithm of positive values over the second half of the times, by least squares; 0 if there are
+    fewer than two.
     """
     t, v = np.asarray(times, float), np.asarray(values, float)
     late = (t >= 0.5 * t[-1]) & (v > 0) & np.isfinite(v)
@@ -150,37 +129,19 @@ def compare(
     shown: float | None = None,
     beside: bool = True,
 ) -> Comparison:
-    """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
+    """Run a set-up (or arguments of `Simulation`) and the infinite medium, at the same time step; with `beside` also
+    the set-up with a fixed and with a free edge, and in one dimension with the other absorber.
 
-    In one dimension the set-up is run with exact ends as well as with layers, where both are applicable.
-
-    The edges lie where the near field ends: at the absorbing sides, or on the outline of a window.
-
-    Parameters
-    ----------
-    setup : Setup or mapping
-        A set-up, or arguments of `Simulation` by name.
-    until : float
-    times : sequence of float, optional
-        When to compare; 40 even times unless given.
-    shown : float, optional
-        Time of the fields kept for a picture; unless given, that at which the smaller of the field of the medium and
-        the largest error is largest, so that the picture shows both.
-    beside : bool
-        Whether to run a fixed and a free edge too, and in one dimension the other absorber.
-
-    Raises
-    ------
-    InputError
-        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory, a run
-        in which nothing moves.
+    The edges lie where the near field ends: at the absorbing sides, or on the outline of a window. Unless given, the
+    comparison is at 40 even times, and the fields of a picture are those at which the smaller of the field of the
+    medium and the largest error is largest, so that it shows both.
     """
-    wanted = _moments(until, times)
+    moments = _moments(until, times)
     if not isinstance(setup, Setup):
         setup = Setup(**setup)
     ours = Simulation.of(setup)
     ours.prepare(until)
-    steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
+    steps = sorted({max(1, round(t / ours.dt)) for t in moments})
     runs: dict[str, Simulation] = {_name(ours): ours}
     if beside:
         runs |= _besides(setup, ours, steps[-1])
@@ -208,7 +169,7 @@ def compare(
 
 
 def _moments(until: float, times: Sequence[float] | None) -> np.ndarray:
-    """Return the times of comparison in ascending order."""
+    """The times of comparison in ascending order."""
     if times is None:
         return np.linspace(0, until, 41)[1:]
     if not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
@@ -217,14 +178,14 @@ def _moments(until: float, times: Sequence[float] | None) -> np.ndarray:
 
 
 def _edges(ours: Simulation) -> str:
-    """Return where the fixed and the free edges lie, in words."""
+    """Where the fixed and the free edges lie, in words."""
     if ours.lattice.window is not None:
         return "on the outline of the window"
     return "at the absorbing sides of the near field"
 
 
 def _left_out(ours: Simulation, steps: int) -> str:
-    """Return the absorber that would be applicable in one dimension but is not run, and why; empty if there is none."""
+    """The absorber that would be applicable in one dimension but is not run, and why; empty if there is none."""
     if not (_has_layers(ours) and ours.lattice.dim == 1 and _long_kernel(ours, steps)):
         return ""
     return f'exact ends, whose kernel for {steps} steps would take minutes to make: compare a case of type = "exact"'
@@ -237,7 +198,7 @@ def _step_together(
     exact_after: Callable[[int], np.ndarray],
     shown_step: int | None,
 ) -> tuple[dict[str, list[float]], list[float]]:
-    """Return the errors of each run after some steps, and the largest values of the infinite medium; the fields to be
+    """The errors of each run after some steps, and the largest values of the infinite medium; the fields to be
     shown are stored in the result.
     """
     ours, most = next(iter(runs.values())), -1.0
@@ -282,7 +243,7 @@ def _measure_growth(result: Comparison, ours: Simulation) -> None:
 
 
 def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
-    """Return how the infinite medium is computed, and a function that returns its field on the near field after a
+    """How the infinite medium is computed, and a function that returns its field on the near field after a
     number of steps, which must not decrease from call to call.
     """
     if _homogeneous(setup, ours):
@@ -308,22 +269,22 @@ def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable
 
 def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     """Whether the set-up consists of an unbounded, homogeneous, linear medium and initial data only."""
-    changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
-    changed = changed or ours.of_field
+    uneven = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
+    uneven = uneven or ours.of_field
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
     plain = ours.model.bond_law is None and not ours.model.drag
-    return endless and plain and not changed and not ours.sources
+    return endless and plain and not uneven and not ours.sources
 
 
 def _besides(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
-    """Return what is run in addition to a set-up: the other absorber, a fixed and a free edge, as far as applicable."""
+    """What is run in addition to a set-up: the other absorber, a fixed and a free edge, as far as applicable."""
     ends = (("fixed", Fixed), ("free", Free))
     served = [rim for rim, end in ends if ours.model.serves(end) and (end.drifting or not ours.stencil.drifting)]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
 
 def _with(ours: Simulation, end: Any) -> dict[str, Any]:
-    """Return the sides by name, with the absorbing ones replaced by another boundary."""
+    """The sides by name, with the absorbing ones replaced by another boundary."""
     return {name: end if b.endless else b for name, b in _by_name(ours).items()}
 
 
@@ -345,16 +306,16 @@ def _other_absorber(setup: Setup, ours: Simulation, steps: int) -> dict[str, Sim
         if new is not None and ours.lattice.dim == 1 and any(isinstance(b, old) for b in ours.sides.values()):
             boundary = {name: new if isinstance(b, old) else b for name, b in _by_name(ours).items()}
             try:
-                other = Simulation.of(replace(setup, boundary=boundary, dt=ours.dt))
-                other.prepare(steps * ours.dt)
+                absorbing = Simulation.of(replace(setup, boundary=boundary, dt=ours.dt))
+                absorbing.prepare(steps * ours.dt)
             except InputError:  # not applicable to this model, integrator or data
                 continue
-            return {_name(other): other}
+            return {_name(absorbing): absorbing}
     return {}
 
 
 def _ended(setup: Setup, ours: Simulation, rim: str) -> Simulation:
-    """Return the same set-up in a medium that ends at the edge of the near field, or on the outline of a window, with a
+    """The same set-up in a medium that ends at the edge of the near field, or on the outline of a window, with a
     fixed or a free edge.
     """
     changes: dict[str, Any] = {
@@ -378,13 +339,13 @@ def _name(sim: Simulation) -> str:
 
 
 def far_slices(far: Simulation, ours: Simulation) -> tuple[Any, ...]:
-    """Return the slices of the near field in a field of the extended domain."""
+    """The slices of the near field in a field of the extended domain."""
     first = np.round((ours.lattice.lower - far.lattice.lower) / ours.lattice.spacing).astype(int)
     return (..., *(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True)))
 
 
 def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
-    """Return the same set-up on a domain so large that nothing returns from its ends."""
+    """The same set-up on a domain so large that nothing returns from its ends."""
     lattice = ours.lattice
     more = undisturbed(ours.stencil.with_reaction(0.0), ours.fastest_rate, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if b.endless}
@@ -425,8 +386,10 @@ def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
 
 
 def _widened_loads(loads: Sequence[Any], lattice: Lattice, nodes: dict[tuple[int, int], int]) -> list[Any]:
-    """Return the loads for a larger lattice, where they act at the same places."""
+    """The loads for a larger lattice, where they act at the same places."""
     return [
-        replace(one, value=widened(one.value, lattice, nodes)) if isinstance(one, BodyForce) else one.bounded(lattice)
-        for one in loads
+        replace(load, value=widened(load.value, lattice, nodes))
+        if isinstance(load, BodyForce)
+        else load.bounded(lattice)
+        for load in loads
     ]

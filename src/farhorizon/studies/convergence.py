@@ -122,36 +122,36 @@ def convergence(
     >>> round(found.order, 1)
     2.0
     """
-    steps = np.sort(kinds.array(spacings, "spacings", shape=(None,)))[::-1]
+    sizes = np.sort(kinds.array(spacings, "spacings", shape=(None,)))[::-1]
     least = 2 if exact is not None else 3
-    if len(steps) < least or steps[-1] <= 0 or (np.diff(steps) == 0).any():
+    if len(sizes) < least or sizes[-1] <= 0 or (np.diff(sizes) == 0).any():
         raise InputError(
             "an order is found from different positive spacings",
-            value=shown(steps),
+            value=shown(sizes),
             limit=f"{least} or more",
             key="spacings",
             remedy="more spacings" if exact is not None else "more spacings, or exact values",
         )
     compute = case if hasattr(case, "refined") else kinds.function(case, "case", "the spacing")
-    made = kinds.function(quantity, "quantity", "the run")
-    found = [kinds.array(made(_computed(compute, float(h))), "quantity") for h in steps]
+    measure = kinds.function(quantity, "quantity", "the run")
+    measured = [kinds.array(measure(_computed(compute, float(h))), "quantity") for h in sizes]
     known = None if exact is None else kinds.array(exact, "exact")
-    shapes = {one.shape for one in found} | ({known.shape} if known is not None and known.ndim else set())
+    shapes = {values.shape for values in measured} | ({known.shape} if known is not None and known.ndim else set())
     if len(shapes) > 1:
         raise InputError(
             "the quantity must be of one shape at all spacings, and that of the exact values",
-            value=[one.shape for one in found],
+            value=[values.shape for values in measured],
             key="quantity",
             remedy="the field at the same places, as of Receivers",
         )
-    values = np.stack(found)
-    limit, order = _fitted(steps, values) if known is None else (np.broadcast_to(known, values.shape[1:]), 0.0)
-    errors = np.abs(values - limit).reshape(len(steps), -1).max(axis=1)
+    values = np.stack(measured)
+    limit, order = _fitted(sizes, values) if known is None else (np.broadcast_to(known, values.shape[1:]), 0.0)
+    errors = np.abs(values - limit).reshape(len(sizes), -1).max(axis=1)
     if (errors <= _ROUNDING * np.abs(values).max()).any():
         raise InputError("no order follows from values without any error", value=shown(errors), key="quantity")
     if known is not None:
-        order = float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
-    return Convergence(steps, values, np.asarray(limit), errors, order)
+        order = float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])
+    return Convergence(sizes, values, np.asarray(limit), errors, order)
 
 
 def _computed(case: Refinable | Callable[[float], Any], spacing: float) -> Any:
@@ -164,13 +164,13 @@ def _computed(case: Refinable | Callable[[float], Any], spacing: float) -> Any:
 
 
 def _fitted(spacings: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return limit and order of ``q(0) + C h^p``, fitted by least squares."""
+    """Limit and order of ``q(0) + C h^p``, fitted by least squares."""
     flat, scaled = values.reshape(len(values), -1), spacings / spacings[0]
 
     def solved(order: float) -> tuple[np.ndarray, float]:
         table = np.stack([np.ones(len(scaled)), scaled**order], axis=1)
-        found = np.linalg.lstsq(table, flat, rcond=None)[0]
-        return found[0], float(((table @ found - flat) ** 2).sum())
+        fit = np.linalg.lstsq(table, flat, rcond=None)[0]
+        return fit[0], float(((table @ fit - flat) ** 2).sum())
 
     left = [solved(order)[1] for order in _ORDERS]
     best = int(np.argmin(left))

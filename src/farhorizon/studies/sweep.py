@@ -41,13 +41,13 @@ class Sweepable(Protocol):
         """Its contents."""
 
     def changed(self, changes: Mapping[str, Any]) -> Sweepable:
-        """Return the same case with other values at dotted keys."""
+        """The same case with other values at dotted keys."""
 
     def completed(self, threads: int | None) -> Any:
         """Return a new run that has reached its end, on at most `threads` threads."""
 
     def figures(self, run: Any) -> dict[str, float]:
-        """Return the default quantities of a run."""
+        """The default quantities of a run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class SweepTable:
     @property
     def quantities(self) -> list[str]:
         """Names of the quantities."""
-        return list(dict.fromkeys(name for one in self.figures for name in one))
+        return list(dict.fromkeys(name for figures in self.figures for name in figures))
 
     def __str__(self) -> str:
         names = [*self.changes[0], *self.quantities]
@@ -81,10 +81,10 @@ class SweepTable:
             rows.append([words.get(name, "") for name in names])
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(f"{word:>{width}}" for word, width in zip(row, widths, strict=True)) for row in rows]
-        return "\n".join([*lines, *(f"failed: {_said(self.changes[i])}: {why}" for i, why in self.failed.items())])
+        return "\n".join([*lines, *(f"failed: {_in_words(self.changes[i])}: {why}" for i, why in self.failed.items())])
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the table with one axis per key if all combinations of their values were computed, otherwise with a
+        """The table with one axis per key if all combinations of their values were computed, otherwise with a
         single axis for the cases. Failed cases are NaN.
 
         Returns
@@ -97,15 +97,16 @@ class SweepTable:
             xarray is not installed.
         """
         keys = list(self.changes[0])
-        rows = [tuple(_plain(value) for value in one.values()) for one in self.changes]
+        rows = [tuple(_plain(value) for value in change.values()) for change in self.changes]
         values = [list(dict.fromkeys(column)) for column in zip(*rows, strict=True)]
-        whole = list(itertools.product(*values)) == rows
-        axes, shape = (keys, [len(one) for one in values]) if whole else ([_CASE], [len(rows)])
+        complete = list(itertools.product(*values)) == rows
+        axes, shape = (keys, [len(several) for several in values]) if complete else ([_CASE], [len(rows)])
         data = {
-            name: (axes, np.reshape([one.get(name, np.nan) for one in self.figures], shape)) for name in self.quantities
+            name: (axes, np.reshape([figures.get(name, np.nan) for figures in self.figures], shape))
+            for name in self.quantities
         }
         columns = zip(*rows, strict=True)
-        along = zip(keys, values if whole else [(_CASE, list(column)) for column in columns], strict=True)
+        along = zip(keys, values if complete else [(_CASE, list(column)) for column in columns], strict=True)
         return xarray_module().Dataset(data, coords=dict(along))
 
 
@@ -176,44 +177,47 @@ def sweep(
     if executor is not None:
         kinds.instance(executor, "executor", Executor, "an executor of concurrent.futures")
     say: Callable[[str], None] = print if kinds.flag(progress, "progress") else lambda _: None
-    whole = _combinations(changes)
+    combinations = _combinations(changes)
     kinds.integer(jobs, "jobs", least=1)
     if executor is not None and jobs > 1:
         raise InputError("an executor has jobs of its own", value=jobs, key="jobs", remedy="leave jobs out")
-    asked = None if quantities is None else _checked(quantities, list(whole[0]))
-    cases = [case.changed(one) for one in whole]
-    names = [_name(one, asked) for one in cases]
-    figures: list[dict[str, float]] = [{} for _ in whole]
+    asked = None if quantities is None else _checked(quantities, list(combinations[0]))
+    cases = [case.changed(change) for change in combinations]
+    names = [_name(changed, asked) for changed in cases]
+    figures: list[dict[str, float]] = [{} for _ in combinations]
     failed: dict[int, str] = {}
-    with _Table.opened(table, list(whole[0]), asked or ()) as kept:
-        known = [i for i, name in enumerate(names) if name in kept.figures]
+    with _Table.opened(table, list(combinations[0]), asked or ()) as stored:
+        known = [i for i, name in enumerate(names) if name in stored.figures]
         for i in known:
-            figures[i] = kept.figures[names[i]]
+            figures[i] = stored.figures[names[i]]
         if known:
-            say(f"{len(known)} of {len(whole)} cases are in the table")
-        todo = {i: cases[i] for i in range(len(whole)) if i not in known}
-        for i, (found, why) in _outcomes(todo, asked, jobs, executor):
-            figures[i] = found
+            say(f"{len(known)} of {len(combinations)} cases are in the table")
+        todo = {i: cases[i] for i in range(len(combinations)) if i not in known}
+        for i, (numbers, why) in _outcomes(todo, asked, jobs, executor):
+            figures[i] = numbers
             failed |= {i: why} if why else {}
-            kept.add(names[i], whole[i], found, why)
-            say(f"failed: {_said(whole[i])}: {why}" if why else _said(whole[i]))
-    return SweepTable(whole, figures, dict(sorted(failed.items())))
+            stored.add(names[i], combinations[i], numbers, why)
+            say(f"failed: {_in_words(combinations[i])}: {why}" if why else _in_words(combinations[i]))
+    return SweepTable(combinations, figures, dict(sorted(failed.items())))
 
 
 def _combinations(changes: Any) -> list[dict[str, Any]]:
-    """Return the changes of each case."""
+    """The changes of each case."""
     if isinstance(changes, Mapping):
         values = [kinds.sequence(several, f"changes[{key!r}]", "values") for key, several in changes.items()]
-        found = [dict(zip(changes, one, strict=True)) for one in itertools.product(*values)]
+        combinations = [dict(zip(changes, row, strict=True)) for row in itertools.product(*values)]
     else:
         given = kinds.sequence(changes, "changes", "mappings of dotted keys to values")
-        found = [dict(kinds.instance(one, "changes", Mapping, "a mapping of keys to values")) for one in given]
-    if not found or not all(found):
+        expected = "a mapping of keys to values"
+        combinations = [dict(kinds.instance(change, "changes", Mapping, expected)) for change in given]
+    if not combinations or not all(combinations):
         raise InputError("there is nothing to change", key="changes", remedy='{"model.speed": [1.0, 2.0]}')
-    for one in found:
-        if list(one) != list(found[0]):
-            raise InputError("all cases change the same keys", value=list(one), limit=list(found[0]), key="changes")
-    return found
+    for change in combinations:
+        if list(change) != list(combinations[0]):
+            raise InputError(
+                "all cases change the same keys", value=list(change), limit=list(combinations[0]), key="changes"
+            )
+    return combinations
 
 
 def _checked(quantities: Any, keys: list[str]) -> Quantities:
@@ -226,7 +230,7 @@ def _checked(quantities: Any, keys: list[str]) -> Quantities:
 
 
 def _name(case: Sweepable, asked: Quantities | None) -> str:
-    """Return a name by which a case with its quantities is identified in a table."""
+    """Name by which a case with its quantities is identified in a table."""
     words = [case.text, *([] if asked is None else sorted(asked))]
     return hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
 
@@ -246,7 +250,7 @@ def _outcomes(
     try:
         for future in as_completed(waiting):
             error = future.exception()  # the process was killed, or its arguments cannot be pickled
-            yield waiting[future], future.result() if error is None else ({}, _told(error))
+            yield waiting[future], future.result() if error is None else ({}, _reason(error))
     finally:
         for future in waiting:
             future.cancel()
@@ -255,21 +259,21 @@ def _outcomes(
 
 
 def _outcome(case: Sweepable, asked: Quantities | None, threads: int | None = None) -> Outcome:
-    """Return the outcome of one case, in any process."""
+    """The outcome of one case, in any process."""
     try:
         run = case.completed(threads)
-        found = case.figures(run) if asked is None else {name: float(of(run)) for name, of in asked.items()}
+        figures = case.figures(run) if asked is None else {name: float(of(run)) for name, of in asked.items()}
     except Exception as error:
-        return {}, _told(error)
-    return found, ""
+        return {}, _reason(error)
+    return figures, ""
 
 
-def _told(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as a coordinate: a number or a text."""
+    """A value as a coordinate: a number or a text."""
     return value if isinstance(value, int | float | str) else json.dumps(value, default=str)
 
 
@@ -278,17 +282,13 @@ def _word(value: Any) -> str:
     return f"{plain:.10g}" if isinstance(plain, float) else str(plain)
 
 
-def _said(change: Mapping[str, Any]) -> str:
+def _in_words(change: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} = {_word(value)}" for key, value in change.items())
 
 
 class _Table:
-    """File of a sweep with one row per case; it is complete at all times, even if the process is killed.
-
-    Attributes
-    ----------
-    figures : dict of str to dict
-        Quantities of the cases that did not fail, by the name of the case.
+    """File of a sweep with one row per case; it is complete at all times, even if the process is killed. `figures` are
+    the quantities of the cases that did not fail, by the name of the case.
     """
 
     def __init__(self, path: Path | None, keys: list[str], asked: Collection[str]) -> None:
@@ -323,8 +323,8 @@ class _Table:
             reader = csv.DictReader(file)
             columns = list(reader.fieldnames or ())
             more = columns[len(self._keys) :]
-            others = [name for name in more if _DOTTED.fullmatch(name) and name not in self._asked]
-            if columns[: len(self._keys)] != self._keys or more[-2:] != [_FAILED, _CASE] or others:
+            foreign = [name for name in more if _DOTTED.fullmatch(name) and name not in self._asked]
+            if columns[: len(self._keys)] != self._keys or more[-2:] != [_FAILED, _CASE] or foreign:
                 raise FileFormatError(
                     f"{path} is not the table of such a sweep",
                     value=columns,

@@ -23,7 +23,7 @@ def running_crack(
     push: float = 1.2,
     dim: int = 2,
 ) -> RunningCrack:
-    """Run a crack that follows a pair of forces; parameters as for
+    """Run a crack that follows a pair of forces, as
     `farhorizon.simulation.recorders.running_cracks.crack_after_forces`.
     """
     return crack_after_forces(Simulation.of, model, spacing, energy, speed, turn, push, dim)
@@ -75,7 +75,7 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
     """
     kinds.instance(model, "model", Elastic, "an Elastic model")
     spacing = kinds.number(spacing, "spacing", above=0)
-    wanted = kinds.number(fracture_energy, "fracture_energy", above=0)
+    energy = kinds.number(fracture_energy, "fracture_energy", above=0)
     dim = kinds.integer(dim, "dim", least=2, most=3)
     if model.uneven:
         raise InputError(
@@ -86,4 +86,4 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
         )
     factor = energy_factor(Simulation.of, model, spacing, dim)
     assert isinstance(model.kernel, Kernel)
-    return float(stretch_that_spends(wanted, factor, model.young, model.kernel.horizon))
+    return float(stretch_that_spends(energy, factor, model.young, model.kernel.horizon))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from farhorizon.simulation.simulation import Simulation
 
 BUDGET = 60.0  # seconds
-_SHARE = 0.2  # largest share of the budget for one certificate
+_FRACTION = 0.2  # largest fraction of the budget for one certificate
 _RADII = (1.0, 2.0, 3.0, 4.0)  # radii of clouds, in spacings; the reach is added
 _ANGLES = (30.0, 45.0, 60.0)  # largest angles of modes
 _WAVENUMBERS = (0.5, 1.0)  # largest wavenumbers of modes, divided by the spacing
@@ -163,13 +163,13 @@ def tuned(
             ranked.append((flat_reflection(sim, candidate, angle, band), candidate))
         except InputError:  # a cloud without neighbours, or no wave of the band
             continue
-    ranked.sort(key=lambda found: found[0])
+    ranked.sort(key=lambda pair: pair[0])
     left = budget
     for refused, (amplitude, candidate) in enumerate(ranked):
         if left <= 0:
             break
         try:
-            certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _SHARE * budget))
+            certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _FRACTION * budget))
         except InputError:  # applicable to a flat side, but not to this outline
             continue
         left -= certificate.work
@@ -197,28 +197,14 @@ def _candidates(sim: Simulation, given: PlaneWave | Higdon) -> Iterator[PlaneWav
     speed = float(np.sqrt(sim.model.coefficient))
     least = given.shift or max(sim.model.damping, 0.5 * speed / sim.closure.fringe.extent)
     for count in (2, 3):
-        for angles, share in itertools.product(itertools.combinations_with_replacement(_PASSING, count), _SHIFTS):
-            yield replace(given, angles=angles, shift=share * least)
+        for angles, shift in itertools.product(itertools.combinations_with_replacement(_PASSING, count), _SHIFTS):
+            yield replace(given, angles=angles, shift=shift * least)
 
 
 def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float, band: tuple[float, float]) -> float:
-    """Return the largest amplitude that a flat side along the lattice reflects of plane waves of amplitude 1, up to an
-    angle.
-
-    Parameters
-    ----------
-    sim : Simulation
-        Defines the medium and the time step.
-    boundary : PlaneWave or Higdon
-    angle : float
-        In degrees.
-    band : tuple of float
-        Shortest and longest wavelength.
-
-    Raises
-    ------
-    InputError
-        No wave of the band reaches the side, or the condition is not applicable to it.
+    """Largest amplitude that a flat side along the lattice reflects of plane waves of amplitude 1, up to an angle in
+    degrees, between the shortest and the longest wavelength of a band. InputError if no wave reaches the side, or the
+    condition is not applicable to it.
     """
     rows = _flat_rows(sim, boundary)
     spacing = sim.lattice.spacing
@@ -246,7 +232,7 @@ _Rows = list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]
 
 
 def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
-    """Return the condition at the halo nodes along the normal of a flat side; places are counted from the last node of
+    """The condition at the halo nodes along the normal of a flat side; places are counted from the last node of
     the near field.
     """
     lattice, dim = sim.lattice, sim.lattice.dim
@@ -273,15 +259,15 @@ def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
 
 
 def _sent_back(rows: _Rows, wave: ArrivingWave) -> float:
-    """Return the amplitude of the reflected waves, from one condition per halo column (rows) and one unknown per mode
+    """Amplitude of the reflected waves, from one condition per halo column (rows) and one unknown per mode
     (columns).
     """
     modes = np.append(wave.modes.leaving, wave.modes.incoming)
     conditions = np.empty((len(rows), len(modes)), complex)
     for row, (place, level, steps, weights) in enumerate(rows):
-        shares = weights * wave.factor ** -level.astype(float)
+        factors = weights * wave.factor ** -level.astype(float)
         if steps.shape[1] > 1:
-            shares = shares * np.exp(1j * wave.along[0] * steps[:, 1])
-        conditions[row] = modes**place - shares @ modes ** (place + steps[:, :1])
+            factors = factors * np.exp(1j * wave.along[0] * steps[:, 1])
+        conditions[row] = modes**place - factors @ modes ** (place + steps[:, :1])
     back = np.linalg.lstsq(conditions[:, :-1], -conditions[:, -1], rcond=None)[0]
     return float(np.sqrt((np.abs(back[wave.modes.travels]) ** 2).sum()))

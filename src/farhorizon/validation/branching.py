@@ -12,13 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.analysis.fracture.crack_paths import CrackPaths
-from farhorizon.boundaries import Free, LatticePML, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.crack_tips import CrackTips
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import CrackTips, Elastic, Free, Kernel, Lattice, LatticePML, Side, Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -54,17 +48,17 @@ def angle_of_branches(tips: CrackTips, place: np.ndarray) -> float:
     return float(np.ptp(np.degrees(np.arctan2(*(last - place).T[::-1]))))
 
 
-def time_of_parting(tips: CrackTips, others: CrackTips) -> float:
+def time_of_parting(tips: CrackTips, later: CrackTips) -> float:
     """First time at which the first tips of two runs are a quarter of a horizon apart; infinite if they never are."""
-    one, other = (found.data["position"][:, 0] for found in (tips, others))
-    apart = np.linalg.norm(one - other, axis=1) > 0.75 * SPACING
+    first, second = (tracked.data["position"][:, 0] for tracked in (tips, later))
+    apart = np.linalg.norm(first - second, axis=1) > 0.75 * SPACING
     return float(tips.times[np.argmax(apart)]) if apart.any() else np.inf
 
 
-def _drawn(cracks: CrackPaths) -> np.ndarray:
+def _drawn(tips: CrackTips) -> np.ndarray:
     """Paths of the cracks as one line with gaps, shape (n, 2)."""
     gap = np.full((1, 2), np.nan)
-    return np.concatenate([part for path in cracks.paths for part in (path, gap)])
+    return np.concatenate([part for path in tips.now.paths for part in (path, gap)])
 
 
 @validation("branching", BRANCHING, "a crack that branches in the infinite medium, and in a plate with free edges")
@@ -92,8 +86,8 @@ def branching(folder: Path) -> Outcome:
     ]
     picture = folder / "branching.png"
     rayleigh, both = RAYLEIGH * model.s_speed, (("infinite medium", tips), ("free edges", boxed))
-    speeds = [(name, one.times, one.data["speed"][:, 0] / rayleigh) for name, one in both]
-    cracks = [(name, *_drawn(one.now).T) for name, one in both]
+    speeds = [(name, tracked.times, tracked.data["speed"][:, 0] / rayleigh) for name, tracked in both]
+    cracks = [(name, *_drawn(tracked).T) for name, tracked in both]
     curve_panels(
         [("one tip", speeds), (f"cracks at t = {END:g}", cracks)],
         picture,

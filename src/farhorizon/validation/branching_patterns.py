@@ -11,10 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.crack_tips import CrackTips
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import CrackTips, Elastic, LatticePML, Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.branching import END, RAYLEIGH, TOUGHNESS, angle_of_branches, running, time_of_branching
 from farhorizon.validation.validations import validation
@@ -58,15 +55,15 @@ def measured(sim: Simulation, tips: CrackTips, name: str) -> list[Row]:
     ]
 
 
-def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> None:
+def draw_patterns(runs: dict[tuple[float, int], Simulation], picture: Path) -> None:
     """Draw the final damage of all cracks, with one row per horizon and one column per number of spacings in it."""
-    from farhorizon.pictures.images import cell_edges
+    from farhorizon.pictures.panels import cell_edges
     from farhorizon.pictures.style import figure_at
 
-    horizons = list(dict.fromkeys(horizon for horizon, _ in found))
+    horizons = list(dict.fromkeys(horizon for horizon, _ in runs))
     with figure_at(picture, (7.2, 0.6 + 0.62 * len(horizons))) as figure:
         panels = figure.subplots(len(horizons), len(REACHES), sharex=True, sharey=True, squeeze=False)
-        for (horizon, reach), sim in found.items():
+        for (horizon, reach), sim in runs.items():
             row, column = horizons.index(horizon), REACHES.index(reach)
             panel, axes = panels[row, column], sim.lattice.axes
             image = panel.imshow(
@@ -91,16 +88,16 @@ def branching_patterns(folder: Path, full: bool = False) -> Outcome:
     """Two horizons, or three with `full`, with two, three and four spacings in each."""
     from farhorizon.pictures.curves import curve_panels
 
-    rows, found, panels = [], {}, []
+    rows, runs, panels = [], {}, []
     for horizon in (*HORIZONS, SMALLEST) if full else HORIZONS:
         curves = [("Rayleigh waves", np.array([0.0, END]), np.ones(2))]
         for reach in REACHES:
             sim, tips = pattern(horizon, reach)
-            found[horizon, reach] = sim
+            runs[horizon, reach] = sim
             rows += measured(sim, tips, f"horizon {horizon:g}, {reach} spacings")
             curves.append((f"{reach} spacings in the horizon", tips.times, speeds(sim, tips)))
         panels.append((f"horizon {horizon:g}", curves))
     pictures = [folder / "branching-patterns.png", folder / "branching-speeds.png"]
-    draw_patterns(found, pictures[0])
+    draw_patterns(runs, pictures[0])
     curve_panels(panels, pictures[1], xlabel="t", ylabel="speed of the fastest tip / Rayleigh speed")
     return Outcome(rows, pictures=pictures)

@@ -23,15 +23,19 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Box, Disc
-from farhorizon.inputs.plane_waves import IncidentWave
-from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic, Wave
-from farhorizon.simulation.recorders.far_field import FarField
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import (
+    Box,
+    Disc,
+    Elastic,
+    FarField,
+    IncidentWave,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Prescribed,
+    Simulation,
+    Wave,
+)
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -73,18 +77,18 @@ def cavity(frequency: float) -> tuple[np.ndarray, np.ndarray]:
     outer = special.hankel1
     sheared = [n * (s * outer(n - 1, s) - (n + 1) * outer(n, s)), s * outer(n - 1, s) - bend * outer(n, s)]
     matrix = np.moveaxis(np.array([pressed(outer), sheared]), (0, 1), (2, 1))  # order, stress, wave
-    found = np.linalg.solve(matrix, -np.array(pressed(special.jv)).T[..., None])[..., 0]
-    return found[:, 0], found[:, 1]
+    amplitudes = np.linalg.solve(matrix, -np.array(pressed(special.jv)).T[..., None])[..., 0]
+    return amplitudes[:, 0], amplitudes[:, 1]
 
 
 def crack(frequency: float) -> np.ndarray:
     """``|A_n|^2 se_n(pi/2)^2`` of a free crack of half length a for scalar waves of speed 1, for odd orders."""
     q = (np.pi * frequency * RADIUS) ** 2
-    found = []
+    terms = []
     for n in range(1, 20, 2):
         first, second = (radial(n, q, 0.0)[1] for radial in (special.mathieu_modsem1, special.mathieu_modsem2))
-        found.append(abs(first / (first + 1j * second)) ** 2 * special.mathieu_sem(n, q, 90.0)[0] ** 2)
-    return np.array(found)
+        terms.append(abs(first / (first + 1j * second)) ** 2 * special.mathieu_sem(n, q, 90.0)[0] ** 2)
+    return np.array(terms)
 
 
 def exact(kind: str) -> np.ndarray:
@@ -124,12 +128,12 @@ def compared(folder: Path, name: str, kinds: tuple[str, ...]) -> Outcome:
 
     rows, panels = [], []
     for kind in kinds:
-        wanted, errors, balances = exact(kind), [], []
+        sections, errors, balances = exact(kind), [], []
         lengths = 2 * np.pi * FREQUENCIES * RADIUS / (P_SPEED if kind == "cavity" else 1.0)
-        curves = [("exact", lengths, wanted / (2 * RADIUS))]
+        curves = [("exact", lengths, sections / (2 * RADIUS))]
         for spacing in SPACINGS:
             scattering, total = run(kind, spacing).cross_sections()
-            errors.append(float(np.abs(total / wanted - 1).max()))
+            errors.append(float(np.abs(total / sections - 1).max()))
             balances.append(float(np.abs(scattering / total - 1).max()))
             curves.append((f"spacing a/{RADIUS / spacing:g}", lengths, total / (2 * RADIUS)))
             rows.append(Row(f"{kind}: largest error over frequency, spacing {spacing:g}", errors[-1]))

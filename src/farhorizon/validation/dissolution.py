@@ -19,13 +19,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import erf, erfc
 
-from farhorizon.boundaries import Fixed, Free, LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.specimens import Specimen
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Corrosion
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Box, Corrosion, Fixed, Free, Kernel, Lattice, LatticePML, Simulation, Specimen
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 

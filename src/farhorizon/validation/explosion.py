@@ -22,12 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.special import spherical_jn
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
-from farhorizon.models import Elastic
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Elastic, Lattice, LatticePML, Simulation, Source, Step
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -73,8 +68,8 @@ def radial(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Distances from the centre, and radial displacements, of all nodes except the centre."""
     points = np.array(sim.lattice.coordinates())
     r = np.sqrt((points**2).sum(0))
-    there = r > 0
-    return r[there], (sim.fields["u"] * points).sum(0)[there] / r[there]
+    outside = r > 0
+    return r[outside], (sim.fields["u"] * points).sum(0)[outside] / r[outside]
 
 
 def against_exact(
@@ -94,13 +89,13 @@ def against_exact(
         apart, panels = [], []
         for t in times:
             sim.run(t, progress=False)
-            r, found = radial(sim)
-            outer = np.isfinite(found) & (r >= nearest)
-            r, found = r[outer], found[outer]
-            wanted, along = exact(r, sim.time), np.argsort(r)
-            apart.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
+            r, computed = radial(sim)
+            outer = np.isfinite(computed) & (r >= nearest)
+            r, computed = r[outer], computed[outer]
+            solution, along = exact(r, sim.time), np.argsort(r)
+            apart.append(float(np.abs(computed - solution).max() / np.abs(solution).max()))
             rows.append(Row(f"largest difference at t = {t:g}, of the largest value, spacing {spacing}", apart[-1]))
-            panels.append((f"t = {t:g}", [("exact", r[along], wanted[along]), ("computed", r, found)]))
+            panels.append((f"t = {t:g}", [("exact", r[along], solution[along]), ("computed", r, computed)]))
         errors.append(apart)
     rows += [
         Row(f"order in the spacing, t = {t:g}", float(np.log2(coarse / fine)), order, note=note)
@@ -116,13 +111,13 @@ def explosion(folder: Path) -> Outcome:
 
     model = Elastic(None, young=1.0, poisson=0.3, density=1.0, material="finite-element")
     speed, density = model.p_speed, model.density
-    wanted = partial(exact, speed=speed, density=density)
-    runs = ((f"{spacing:g}", run(model, spacing), wanted) for spacing in SPACINGS)
+    solution = partial(exact, speed=speed, density=density)
+    runs = ((f"{spacing:g}", run(model, spacing), solution) for spacing in SPACINGS)
     rows, panels = against_exact(runs, (PASSING, STATIC), 2.0)
-    _, r, found = panels[-1][1][-1]
+    _, r, computed = panels[-1][1][-1]
     outer = r > 5 * BREADTH
     words = "static displacement over M/(4 pi rho alpha^2 r^2), five breadths out and farther"
-    rows.append(Row(words, float((found / far(r, speed, density))[outer].mean()), 1.0))
+    rows.append(Row(words, float((computed / far(r, speed, density))[outer].mean()), 1.0))
     picture = folder / "explosion.png"
     curve_panels(panels, picture, xlabel="distance", ylabel="radial displacement")
     return Outcome(rows, pictures=[picture])

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
+from farhorizon import Elastic, Kernel, calibrated_stretch
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.studies.toughness import RunningCrack, calibrated_stretch, rayleigh_speed, running_crack
+from farhorizon.studies.toughness import RunningCrack, rayleigh_speed, running_crack
 from farhorizon.validation.validations import validation
 
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
@@ -47,9 +46,9 @@ def material(name: str, nodes: int) -> tuple[Elastic, float]:
 
 def pulled(model: Elastic, spacing: float, speed: float, turn: float, push: float) -> tuple[RunningCrack, float]:
     """A crack that has run, and the largest speed of its tips relative to the Rayleigh wave speed."""
-    found = running_crack(model, spacing, ENERGY, speed, turn, push)
-    fastest = float(np.nanmax(found.tips.data["speed"]))
-    return found, fastest / rayleigh_speed(model.lame, model.shear, model.density)
+    crack = running_crack(model, spacing, ENERGY, speed, turn, push)
+    fastest = float(np.nanmax(crack.tips.data["speed"]))
+    return crack, fastest / rayleigh_speed(model.lame, model.shear, model.density)
 
 
 @validation(
@@ -69,15 +68,15 @@ def fracture_energy(folder: Path, full: bool = False) -> Outcome:
         models = {nodes: material(name, nodes) for nodes in {nodes for nodes, *_ in cases}}
         curves = [("fracture energy", np.array([START, 22.0]), np.ones(2))]
         for nodes, speed, turn, push in cases:
-            found, fastest = pulled(*models[nodes], speed, turn, push)
+            crack, fastest = pulled(*models[nodes], speed, turn, push)
             largest = max(largest, fastest)
             what = f"{name}, {nodes} nodes in the horizon, {speed:g} c_R" + (f", at {turn:g} rad" if turn else "")
-            rows.append(Row(f"spent over the fracture energy: {what}", found.spent / ENERGY, 1.0))
-            some = found.way > START
-            used = found.tips.dissipated[some] / (ENERGY * found.way[some])
-            curves.append((f"{nodes} nodes, {speed:g} $c_R$, {turn:g} rad", found.way[some], used))
+            rows.append(Row(f"spent over the fracture energy: {what}", crack.spent / ENERGY, 1.0))
+            some = crack.way > START
+            used = crack.tips.dissipated[some] / (ENERGY * crack.way[some])
+            curves.append((f"{nodes} nodes, {speed:g} $c_R$, {turn:g} rad", crack.way[some], used))
             if speed == FAST[0]:
-                rows.append(Row(f"flux into the tip over what is spent: {what}", found.flux() / found.spent))
+                rows.append(Row(f"flux into the tip over what is spent: {what}", crack.flux() / crack.spent))
         panels.append((name, curves))
     rows.append(Row("largest speed of a tip over that of Rayleigh waves", largest))
     picture = folder / "fracture-energy.png"

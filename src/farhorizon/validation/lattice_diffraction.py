@@ -46,15 +46,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.local_sources import PointSource
-from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Wave
-from farhorizon.simulation.recorders.receivers import Spectra
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Box, Lattice, LatticePML, PointSource, Prescribed, Simulation, Spectra, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -98,8 +90,8 @@ def stiffness(factor: np.ndarray) -> np.ndarray:
 def split(symbol: Callable[[np.ndarray], np.ndarray], xi: np.ndarray, omega: complex) -> np.ndarray:
     """Factor ``L_+`` or ``K_+`` of a kernel on a path below that of level 2."""
     eta, step = path(2)
-    share = np.log(symbol(row_factor(eta, omega))) * step / (2 * np.pi)
-    return np.asarray(np.exp((1 / np.expm1(-1j * np.subtract.outer(eta, xi)) + 0.5).T @ share))
+    integrand = np.log(symbol(row_factor(eta, omega))) * step / (2 * np.pi)
+    return np.asarray(np.exp((1 / np.expm1(-1j * np.subtract.outer(eta, xi)) + 0.5).T @ integrand))
 
 
 def from_source(x: np.ndarray, y: np.ndarray, omega: complex) -> np.ndarray:
@@ -112,9 +104,9 @@ def from_source(x: np.ndarray, y: np.ndarray, omega: complex) -> np.ndarray:
 
 def arriving(omega: complex) -> tuple[np.ndarray, np.ndarray]:
     """Amplitudes of the incident waves in row 0 on the path of level 0, and lambda on this path."""
-    kappa, share = path(0)
+    kappa, density = path(0)
     factor = row_factor(kappa, omega)
-    return share * np.exp(-1j * kappa * SOURCE[0]) * factor ** SOURCE[1] / stiffness(factor) / (2 * np.pi), factor
+    return density * np.exp(-1j * kappa * SOURCE[0]) * factor ** SOURCE[1] / stiffness(factor) / (2 * np.pi), factor
 
 
 def sent(symbol: Callable[[np.ndarray], np.ndarray], waves: np.ndarray, omega: complex) -> np.ndarray:
@@ -180,32 +172,34 @@ def beside(
     shows the obstacle from the left to its end.
     """
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel
 
     rows = []
     for target in TARGETS:
         lattice, fields = run(target, obstacle)
         x, y = lattice.axes
-        for omega, found in zip(FREQUENCIES, fields, strict=True):
+        for omega, computed in zip(FREQUENCIES, fields, strict=True):
             incident = from_source(x, y, omega)
-            wanted = incident + added(x, y, omega)
-            apart = float(np.abs(found - wanted).max() / np.abs(incident[HALF, HALF]))
-            said = f"largest difference, of the incident wave at the tip, omega = {omega:g}, target {target:g}"
-            rows.append(Row(said, apart, 0.0))
+            exact = incident + added(x, y, omega)
+            apart = float(np.abs(computed - exact).max() / np.abs(incident[HALF, HALF]))
+            what = f"largest difference, of the incident wave at the tip, omega = {omega:g}, target {target:g}"
+            rows.append(Row(what, apart, 0.0))
     picture = folder / f"{name}.png"
-    parts = [("real part, computed", found.real), ("exact", wanted.real), ("incident wave alone", incident.real)]
+    parts = [("real part, computed", computed.real), ("exact", exact.real), ("incident wave alone", incident.real)]
     line = np.array([(-HALF, end[1]), end])
-    field_panels(parts, lattice.axes, picture, cracks=[line], limits=(-0.15, 0.15))
-    return rows, found, wanted, picture
+    look = Look(limits=(-0.15, 0.15), cracks=[line])
+    field_panels([Panel(*part) for part in parts], lattice.axes, picture, look)
+    return rows, computed, exact, picture
 
 
 @validation("lattice-crack", CRACK, "a semi-infinite crack in the square lattice, exact at every node", "ten seconds")
 def lattice_crack(folder: Path) -> Outcome:
     """Waves from a point around a crack that continues into the layer, with layers for two targets."""
     crack = [(-2.0 * HALF, -0.5), (0.5, -0.5)]
-    rows, found, wanted, picture = beside(folder, "lattice-crack", {"cracks": [crack]}, from_crack, (0.5, -0.5))
-    openings = [abs(field[HALF, HALF] - field[HALF, HALF - 1]) for field in (found, wanted)]
-    said = f"opening at the tip over the exact one, omega = {FREQUENCIES[-1]:g}"
-    rows.append(Row(said, float(openings[0] / openings[1]), 1.0))
+    rows, computed, exact, picture = beside(folder, "lattice-crack", {"cracks": [crack]}, from_crack, (0.5, -0.5))
+    openings = [abs(field[HALF, HALF] - field[HALF, HALF - 1]) for field in (computed, exact)]
+    what = f"opening at the tip over the exact one, omega = {FREQUENCIES[-1]:g}"
+    rows.append(Row(what, float(openings[0] / openings[1]), 1.0))
     return Outcome(rows, pictures=[picture])
 
 
@@ -215,8 +209,8 @@ def lattice_crack(folder: Path) -> Outcome:
 def lattice_line(folder: Path) -> Outcome:
     """Waves from a point around a line of held nodes that continues into the layer, with layers for two targets."""
     held = Prescribed(Box((-2.0 * HALF, -0.1), (0.1, 0.1)), 0.0)
-    rows, found, wanted, picture = beside(folder, "lattice-line", {"constraints": [held]}, from_line, (0.0, 0.0))
-    ahead = abs(found[HALF + 1, HALF]) / abs(wanted[HALF + 1, HALF])
-    said = f"displacement of the node ahead of the tip over the exact one, omega = {FREQUENCIES[-1]:g}"
-    rows.append(Row(said, float(ahead), 1.0))
+    rows, computed, exact, picture = beside(folder, "lattice-line", {"constraints": [held]}, from_line, (0.0, 0.0))
+    ahead = abs(computed[HALF + 1, HALF]) / abs(exact[HALF + 1, HALF])
+    what = f"displacement of the node ahead of the tip over the exact one, omega = {FREQUENCIES[-1]:g}"
+    rows.append(Row(what, float(ahead), 1.0))
     return Outcome(rows, pictures=[picture])

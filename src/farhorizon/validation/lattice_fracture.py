@@ -49,13 +49,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import erf, gamma
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Wave
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Crack, Lattice, LatticePML, Simulation, Source, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -102,30 +96,15 @@ def powers(above: np.ndarray, below: np.ndarray, count: int) -> np.ndarray:
     """Power series coefficients of ``prod (1 - z/a)^(1/2) / prod (1 - z/b)^(1/2)``."""
     n = np.arange(1, count)
     rates = ((below[:, None] ** -n).sum(0) - (above[:, None] ** -n).sum(0)).real / 2
-    found = np.ones(count)
+    coefficients = np.ones(count)
     for i in range(1, count):
-        found[i] = rates[:i] @ found[i - 1 :: -1] / i
-    return found
+        coefficients[i] = rates[:i] @ coefficients[i - 1 :: -1] / i
+    return coefficients
 
 
 def history(speed: float, steps: int, load: np.ndarray, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """Motion of row 0 under a load.
-
-    Parameters
-    ----------
-    speed : float
-    steps : int
-        Time steps between the openings of two neighbouring bonds.
-    load : ndarray, shape (n,)
-        Force on row 0 at j = 0, -1, ...
-    ahead : int
-
-    Returns
-    -------
-    behind : ndarray, shape (n,)
-        U at j = 0, -1, ...
-    ahead : ndarray, shape (ahead,)
-        U at j = 1, 2, ...
+    """Motion U of row 0 behind the tip, at j = 0, -1, ..., and at j = 1 .. `ahead`, under a force on row 0 at j = 0,
+    -1, ...; `steps` are the time steps between the openings of two neighbouring bonds.
     """
     high, low = zeros(speed, steps, 4.0), zeros(speed, steps, 0.0)
     first = np.sqrt(np.sqrt(np.abs(np.prod(high.outer) / np.prod(low.outer))))
@@ -156,8 +135,8 @@ def ratio(speed: float) -> float:
         return np.asarray(h * (h + 4))
 
     signs = np.sign(product(k))
-    found = [brentq(product, k[i], k[i + 1], xtol=1e-13) for i in np.flatnonzero(signs[1:] != signs[:-1])]
-    return float(np.prod(found[::2]) / np.prod(found[1::2]))
+    roots = [brentq(product, k[i], k[i + 1], xtol=1e-13) for i in np.flatnonzero(signs[1:] != signs[:-1])]
+    return float(np.prod(roots[::2]) / np.prod(roots[1::2]))
 
 
 def load(behind: np.ndarray, distance: float = DISTANCE) -> np.ndarray:
@@ -253,15 +232,15 @@ def lattice_fracture(folder: Path) -> Outcome:
     """Load against speed, bonds ahead of the tip and along the faces, and the crack at rest."""
     from farhorizon.pictures.curves import curve_panels
 
-    rows, found, panels, in_time = [], [], [], "{:.5g} in continuous time"
+    rows, ratios, panels, in_time = [], [], [], "{:.5g} in continuous time"
     for speed in SPEEDS:
         steps = int(np.ceil(1 / (speed * LONGEST)))
-        computed, wanted = computed_rows(speed, steps), exact_rows(speed, steps)
-        ours, exact = read(computed, steps), read(wanted, steps)
-        found.append(2 * ours.opening**2 / release_rate(speed))
-        apart = float(np.abs(computed - wanted).max() / exact.opening)
+        computed, solution = computed_rows(speed, steps), exact_rows(speed, steps)
+        ours, exact = read(computed, steps), read(solution, steps)
+        ratios.append(2 * ours.opening**2 / release_rate(speed))
+        apart = float(np.abs(computed - solution).max() / exact.opening)
         rows += [
-            Row(f"v = {speed:g}: G0/G", found[-1], ratio_of_steps(speed, steps), note=in_time.format(ratio(speed))),
+            Row(f"v = {speed:g}: G0/G", ratios[-1], ratio_of_steps(speed, steps), note=in_time.format(ratio(speed))),
             Row(f"v = {speed:g}: largest elongation before, of that as the bond opens", ours.before, exact.before),
             Row(f"v = {speed:g}: largest elongation along the faces, of that", ours.beside, exact.beside),
             Row(f"v = {speed:g}: largest difference from the exact history, of that", apart, 0.0),
@@ -270,15 +249,15 @@ def lattice_fracture(folder: Path) -> Outcome:
             x = np.arange(-AHEAD * steps, BEHIND * steps) / steps
             here = np.abs(x) <= BEHIND
             curves = [
-                (name, x[here], one[0, here] / exact.opening)
-                for name, one in (("exact", wanted), ("computed", computed))
+                (name, x[here], motion[0, here] / exact.opening)
+                for name, motion in (("exact", solution), ("computed", computed))
             ]
             panels.append((f"a bond as the tip passes, v = {speed:g}", curves))
     trapped = zip(("goes on", "heals"), at_rest(), (np.sqrt(2) - 1, np.sqrt(2) + 1), strict=True)
     rows += [Row(f"G0/G at which a crack at rest {what}", ours, float(exact)) for what, ours, exact in trapped]
     speeds = np.linspace(0.03, 0.99, 800)
     points = np.full((2, 2 * len(SPEEDS)), np.nan)
-    points[:, ::2] = SPEEDS, found
+    points[:, ::2] = SPEEDS, ratios
     loads = [("exact", speeds, np.array([ratio(v) for v in speeds])), ("computed", *points)]
     picture = folder / "lattice-fracture.png"
     curve_panels(

@@ -19,12 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Elastic, LatticeModel, Wave
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Elastic, Lattice, LatticeModel, LatticePML, Simulation, Source, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -110,19 +105,21 @@ def _outcome(
     shown: Callable[..., np.ndarray],
 ) -> tuple[Outcome, Simulation]:
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Panel
 
     errors = []
     for spacing in SPACINGS:
         sim = run(model, velocity, spacing, speeds)
-        found, wanted = sim.fields["u"], exact(sim.lattice, velocity, sim.time, speeds)
-        errors.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
+        computed, solution = sim.fields["u"], exact(sim.lattice, velocity, sim.time, speeds)
+        errors.append(float(np.abs(computed - solution).max() / np.abs(solution).max()))
     rows = [
         Row(f"largest difference at t = {UNTIL:g}, of the largest value, spacing {spacing:g}", error)
         for spacing, error in zip(SPACINGS, errors, strict=True)
     ]
     rows.append(Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 2.0))
     picture = folder / f"{name}.png"
-    field_panels([("computed", shown(found)), ("exact", shown(wanted))], sim.lattice.axes, picture)
+    panels = [Panel("computed", shown(computed)), Panel("exact", shown(solution))]
+    field_panels(panels, sim.lattice.axes, picture)
     return Outcome(rows, pictures=[picture]), sim
 
 

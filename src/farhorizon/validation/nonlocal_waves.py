@@ -20,11 +20,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import j0
 
-from farhorizon.boundaries import Exact, Extended, LatticePML, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Wave
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Exact, Extended, Kernel, Lattice, LatticePML, Side, Simulation, Wave
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -96,9 +92,9 @@ def _outcome(
     panels = []
     for sim, r, _ in [run(dim, size, boundary, size, STEPS[1], breadth), fine] if size < until else [fine]:
         distances, first = np.unique(r, return_index=True)
-        found = sim.fields["u"].ravel()[first]
+        computed = sim.fields["u"].ravel()[first]
         exact = released(distances, sim.time, dim, breadth=breadth)
-        panels.append((f"t = {sim.time:g}", [("exact", distances, exact), ("computed", distances, found)]))
+        panels.append((f"t = {sim.time:g}", [("exact", distances, exact), ("computed", distances, computed)]))
     picture = folder / f"{name}.png"
     curve_panels(panels, picture, xlabel="distance from the middle", ylabel="u")
     return Outcome(rows, pictures=[picture])

@@ -17,15 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import DiscCut
-from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.integrators import RungeKuttaChebyshev
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Diffusion
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Crack, Diffusion, DiscCut, Lattice, LatticePML, RungeKuttaChebyshev, Simulation, Source, Stencil
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -64,7 +56,7 @@ def jump(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
 
 def draw_profile(
     r: np.ndarray,
-    found: np.ndarray,
+    computed: np.ndarray,
     radius: float,
     exact: Callable[[np.ndarray, float], np.ndarray],
     what: str,
@@ -77,7 +69,7 @@ def draw_profile(
     smooth, middle = radius * np.sin(np.linspace(0.0, np.pi / 2, 100)), exact(np.zeros(1), radius)
     curves = [
         ("exact", smooth / radius, exact(smooth, radius) / middle),
-        ("computed", places / radius, found[first] / middle),
+        ("computed", places / radius, computed[first] / middle),
     ]
     curve_panels([("", curves)], picture, xlabel="r / a", ylabel=f"{what} / exact largest")
 
@@ -87,8 +79,8 @@ def penny(folder: Path) -> Outcome:
     """The jump in the middle and along the radius."""
     ratios = []
     for spacing in SPACINGS:
-        r, found, radius = jump(spacing)
-        ratios.append(float(found[np.unravel_index(r.argmin(), r.shape)] / (4 * radius / np.pi)))
+        r, opened, radius = jump(spacing)
+        ratios.append(float(opened[np.unravel_index(r.argmin(), r.shape)] / (4 * radius / np.pi)))
     rows = [
         Row(f"jump in the middle over 4 a g / pi, spacing a/{RADIUS / spacing:g}", ratio, 1.0)
         for spacing, ratio in zip(SPACINGS, ratios, strict=True)
@@ -96,5 +88,5 @@ def penny(folder: Path) -> Outcome:
     order = np.log2((ratios[0] - 1) / (ratios[1] - 1))
     rows.append(Row("order in the spacing", float(order), 1.0, note="the rim is a staircase"))
     inside, picture = r < RADIUS, folder / "penny-crack.png"
-    draw_profile(r[inside], found[inside], radius, steady, "jump", picture)
+    draw_profile(r[inside], opened[inside], radius, steady, "jump", picture)
     return Outcome(rows, pictures=[picture])

@@ -19,14 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Ball, Box
-from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.signals import Step
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Ball, Box, Elastic, Kernel, Lattice, LatticePML, Pressure, Simulation, Step
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.explosion import against_exact
 from farhorizon.validation.validations import validation
@@ -43,8 +36,8 @@ PASSING, STATIC = 2.5, 16.0
 
 def exact(r: np.ndarray, t: float, model: Elastic, radius: float) -> np.ndarray:
     """Radial displacement at the distances r, shape (n,), around a cavity of this radius."""
-    speed, share = model.p_speed, 1 - 2 * model.poisson
-    decay, frequency = speed / radius * np.array([share, np.sqrt(share)]) / (1 - model.poisson)
+    speed, ratio = model.p_speed, 1 - 2 * model.poisson
+    decay, frequency = speed / radius * np.array([ratio, np.sqrt(ratio)]) / (1 - model.poisson)
     nodes, weights = np.polynomial.legendre.leggauss(80)
     began = np.clip(t - (r - radius) / speed, 0.0, RISE)[:, None] / 2  # steps that have arrived at r
     steps = (nodes + 1) * began
@@ -85,9 +78,9 @@ def pressed_cavity(folder: Path) -> Outcome:
         sim, radius = run(spacing)
         runs.append((f"a/{RADIUS / spacing:.3g}", sim, partial(exact, model=solid(spacing), radius=radius)))
     rows, panels = against_exact(runs, (PASSING, STATIC), 1.0, "the rim is a staircase", NEAREST)
-    _, r, found = panels[-1][1][-1]
+    _, r, computed = panels[-1][1][-1]
     static = radius**3 / (4 * solid(1.0).shear * r**2)
-    rows.append(Row("static displacement over p a^3/(4 mu r^2), mean", float((found / static).mean()), 1.0))
+    rows.append(Row("static displacement over p a^3/(4 mu r^2), mean", float((computed / static).mean()), 1.0))
     picture = folder / "pressed-cavity.png"
     curve_panels(panels, picture, xlabel="distance", ylabel="radial displacement")
     return Outcome(rows, pictures=[picture])

@@ -16,16 +16,19 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import (
+    DiscCut,
+    Elastic,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Polyline,
+    Pressure,
+    Simulation,
+    Step,
+    StressIntensity,
+)
 from farhorizon.analysis.fracture.opening import face_jumps, opening_intensity
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import DiscCut, Polyline
-from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.signals import Step
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.intensities import StressIntensity
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.penny import draw_profile
 from farhorizon.validation.validations import validation
@@ -70,16 +73,16 @@ def griffith(folder: Path) -> Outcome:
     unit, rows, errors = np.sqrt(np.pi * SIZE), [], []
     for spacing in SPACINGS:
         sim, crack, large, small = straight(spacing)
-        found = face_jumps(sim.fields["u"], sim.lattice, crack, SIZE + x)[:, 0]
-        errors.append(float(np.abs(found - griffith_opening(x)).max() / griffith_opening(np.zeros(1))[0]))
+        computed = face_jumps(sim.fields["u"], sim.lattice, crack, SIZE + x)[:, 0]
+        errors.append(float(np.abs(computed - griffith_opening(x)).max() / griffith_opening(np.zeros(1))[0]))
         intensity, sliding = large.data["K_I"][-1].mean(), np.abs(large.data["K_II"][-1]).max()
         rows += [
             Row(f"K_I over p sqrt(pi a), spacing a/{SIZE / spacing:g}", float(intensity / unit), 1.0),
             Row(f"K_II over p sqrt(pi a), spacing a/{SIZE / spacing:g}", float(sliding / unit)),
         ]
-    other = small.data["K_I"][-1].mean()
+    inner = small.data["K_I"][-1].mean()
     rows += [
-        Row("K_I between smaller circles over that between larger ones", float(other / intensity), 1.0),
+        Row("K_I between smaller circles over that between larger ones", float(inner / intensity), 1.0),
         Row("opening, largest difference of the largest", errors[-1]),
         Row("order of the opening in the spacing", float(np.log2(errors[0] / errors[1])), 1.0),
         Row("crossings of the near field by P waves until rest", float(sim.time / sim.crossing)),
@@ -87,7 +90,7 @@ def griffith(folder: Path) -> Outcome:
     picture = folder / "griffith-crack.png"
     assert isinstance(sim.model, Elastic)
     smooth, most = SIZE * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 100)), griffith_opening(np.zeros(1))
-    opening = [("exact", smooth / SIZE, griffith_opening(smooth) / most), ("computed", x / SIZE, found / most)]
+    opening = [("exact", smooth / SIZE, griffith_opening(smooth) / most), ("computed", x / SIZE, computed / most)]
     times = large.times * sim.model.p_speed / SIZE
     history = [("exact", times[[0, -1]], np.ones(2)), ("computed", times, large.data["K_I"][:, 1] / unit)]
     curve_panels(
@@ -123,16 +126,16 @@ def penny_pressure(folder: Path) -> Outcome:
     """The opening in the middle, and K derived from the opening."""
     rows = []
     for spacing in COARSE:
-        r, found, radius = penny_at_rest(spacing)
+        r, computed, radius = penny_at_rest(spacing)
         middle = np.unravel_index(r.argmin(), r.shape)
-        ratio = float(found[middle] / penny_opening(np.zeros(1), radius)[0])
+        ratio = float(computed[middle] / penny_opening(np.zeros(1), radius)[0])
         rows.append(
             Row(f"opening in the middle over 8 (1 - nu^2) p a / pi E, spacing a/{SIZE / spacing:g}", ratio, 1.0)
         )
     inside, picture = r < SIZE, folder / "penny-pressure.png"
     near = (1.5 * COARSE[-1], 0.75 * SIZE)
     stiffness = YOUNG / (1 - POISSON**2)
-    intensity = opening_intensity(radius - r[inside], found[inside], stiffness, near)
+    intensity = opening_intensity(radius - r[inside], computed[inside], stiffness, near)
     rows += [Row("K_I over 2 p sqrt(a / pi), from the opening", intensity / (2 * np.sqrt(radius / np.pi)), 1.0)]
-    draw_profile(r[inside], found[inside], radius, penny_opening, "opening", picture)
+    draw_profile(r[inside], computed[inside], radius, penny_opening, "opening", picture)
     return Outcome(rows, pictures=[picture])

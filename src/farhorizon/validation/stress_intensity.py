@@ -23,17 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
+from farhorizon import Elastic, Kernel, Lattice, LatticePML, Polyline, Pressure, Simulation, Source, Stencil, Step, Wave
 from farhorizon.analysis.fracture.opening import opening_intensity
-from farhorizon.boundaries import LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Polyline
-from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Elastic, Wave
-from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -73,9 +64,9 @@ def pressure_step(way: np.ndarray) -> np.ndarray:
     return 2 * np.sqrt(1 - 2 * POISSON) / (1 - POISSON) * np.sqrt(way / np.pi)
 
 
-def measured_intensity(r: np.ndarray, found: np.ndarray, stiffness: float = 2.0) -> float:
+def measured_intensity(r: np.ndarray, jump: np.ndarray, stiffness: float = 2.0) -> float:
     """K from the opening within a quarter of the half length of the tip; of mode III unless a stiffness is given."""
-    return opening_intensity(r, found, stiffness, (3 * abs(r[1] - r[0]), HALF_LENGTH / 4))
+    return opening_intensity(r, jump, stiffness, (3 * abs(r[1] - r[0]), HALF_LENGTH / 4))
 
 
 def sheared(spacing: float, until: float) -> Simulation:
@@ -99,9 +90,9 @@ def faces(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """
     x, y = sim.lattice.axes
     middle = len(y) // 2
-    there = np.flatnonzero(np.abs(x) <= HALF_LENGTH + 1e-9)[::-1]
+    opened = np.flatnonzero(np.abs(x) <= HALF_LENGTH + 1e-9)[::-1]
     u = sim.fields["u"][-1] if sim.fields["u"].ndim > 2 else sim.fields["u"]
-    return HALF_LENGTH + sim.lattice.spacing / 2 - x[there], np.abs(u[there, middle - 1] - u[there, middle])
+    return HALF_LENGTH + sim.lattice.spacing / 2 - x[opened], np.abs(u[opened, middle - 1] - u[opened, middle])
 
 
 @validation("mode-three", CRACK, "a shear wave hits a crack: K to the static limit", "a minute")
@@ -115,23 +106,25 @@ def mode_three(folder: Path) -> Outcome:
         sim, apart = sheared(spacing, STATIC), []
         for t in times:
             sim.run(t, progress=False)
-            r, found = faces(sim)
+            r, computed = faces(sim)
             since = sim.time
-            found += spacing * STRESS(since)  # the faces lie half a spacing beyond the rows, and the load acts between
-            wanted = opening(r, since)
+            computed += spacing * STRESS(
+                since
+            )  # the faces lie half a spacing beyond the rows, and the load acts between
+            solution = opening(r, since)
             alone = r < 2 * HALF_LENGTH - since
-            apart.append(np.abs(found - wanted)[alone & (r > HALF_LENGTH / 8)].max() / wanted.max())
-            ratio = measured_intensity(r, found) / intensity(since, shear_step)
+            apart.append(np.abs(computed - solution)[alone & (r > HALF_LENGTH / 8)].max() / solution.max())
+            ratio = measured_intensity(r, computed) / intensity(since, shear_step)
             if spacing == SPACINGS[-1]:
                 rows.append(Row(f"K over that of the half-plane crack, t = {t:g}", ratio, 1.0))
-                panels.append((f"t = {t:g}", [("exact", r[alone], wanted[alone]), ("computed", r, found)]))
+                panels.append((f"t = {t:g}", [("exact", r[alone], solution[alone]), ("computed", r, computed)]))
         errors.append(float(max(apart)))
         sim.run(STATIC, progress=False)
-        r, found = faces(sim)
-        found += spacing
-        limits.append(measured_intensity(r, found) / np.sqrt(np.pi * HALF_LENGTH))
+        r, computed = faces(sim)
+        computed += spacing
+        limits.append(measured_intensity(r, computed) / np.sqrt(np.pi * HALF_LENGTH))
     static = 2 * np.sqrt(r * (2 * HALF_LENGTH - r).clip(0.0))
-    panels.append((f"t = {STATIC:g}, and the static opening", [("exact", r, static), ("computed", r, found)]))
+    panels.append((f"t = {STATIC:g}, and the static opening", [("exact", r, static), ("computed", r, computed)]))
     rows += [
         Row(f"opening beyond a/8 from the tip, largest difference of the largest, spacing {spacing:g}", error)
         for spacing, error in zip(SPACINGS, errors, strict=True)
@@ -178,17 +171,17 @@ def mode_one(folder: Path) -> Outcome:
     alone = ways <= 2 * HALF_LENGTH
     for spacing, half in ((0.25, (10.0, 4.0)), (0.25, (14.0, 12.0)), (0.125, (10.0, 4.0))):
         sim, speed = opened(spacing, half)
-        found, exact = [], []
+        measured, exact = [], []
         for way in ways:
             sim.run(way / speed, progress=False)
-            found.append(pulled_intensity(sim))
+            measured.append(pulled_intensity(sim))
             exact.append(intensity(sim.time, lambda t, speed=speed: pressure_step(speed * t)))  # type: ignore[misc]
         sim.run(STATIC, progress=False)
         ends.append(pulled_intensity(sim))
     for way in (6.0, 8.0, 12.0, 16.0):
         i = int(np.argmin(np.abs(ways - way)))
-        rows.append(Row(f"K over that of the half-plane crack, ct = {way:g}", found[i] / exact[i], 1.0))
-    rows.append(Row("largest K over p sqrt(pi a)", float(max(found) / static)))
+        rows.append(Row(f"K over that of the half-plane crack, ct = {way:g}", measured[i] / exact[i], 1.0))
+    rows.append(Row("largest K over p sqrt(pi a)", float(max(measured) / static)))
     rows += [
         Row(f"K over p sqrt(pi a), t = {STATIC:g}, spacing {spacing:g}", float(end / static), 1.0)
         for spacing, end in ((0.25, ends[0]), (0.125, ends[2]))
@@ -197,7 +190,7 @@ def mode_one(folder: Path) -> Outcome:
     picture = folder / "mode-one.png"
     curves = [
         ("half-plane crack", ways[alone], np.array(exact)[alone]),
-        ("computed", ways, np.array(found)),
+        ("computed", ways, np.array(measured)),
         ("static", ways[~alone], np.full((~alone).sum(), static)),
     ]
     curve_panels(

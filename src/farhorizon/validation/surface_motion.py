@@ -31,15 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.boundaries import Free, LatticePML
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.local_sources import MomentTensor
-from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Elastic
-from farhorizon.simulation.recorders.receivers import Receivers
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import Elastic, Free, Kernel, Lattice, LatticePML, MomentTensor, Receivers, Simulation, Source, Step
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -97,8 +89,8 @@ def run_blast(spacing: float) -> tuple[np.ndarray, np.ndarray]:
     charge = MomentTensor((0.0, -DEPTH), 1.0, Step(RISE))
     model = solid(Kernel(1.5 * spacing, exponent=2), 0.8)
     Simulation(lattice, model, sides, sources=[charge], observe=[surface]).run(UNTIL, progress=False)
-    found = surface.data["u"].reshape(-1, len(PLACES), len(SURFACE), 2)
-    return surface.times, np.einsum("tprc,r->pct", found, SURFACE)
+    recorded = surface.data["u"].reshape(-1, len(PLACES), len(SURFACE), 2)
+    return surface.times, np.einsum("tprc,r->pct", recorded, SURFACE)
 
 
 @validation("garvin", BLAST, "the surface of a half-space above a buried line of charges", "ten seconds")
@@ -108,14 +100,14 @@ def garvin(folder: Path) -> Outcome:
 
     rows, errors = [], []
     for spacing in SPACINGS:
-        times, found = run_blast(spacing)
-        wanted = np.array([buried_blast(x, times, (np.sqrt(3.0), 1.0), 1.0) for x in PLACES])
-        apart = np.abs(found - wanted).max((1, 2)) / np.abs(wanted).max((1, 2))
+        times, computed = run_blast(spacing)
+        exact = np.array([buried_blast(x, times, (np.sqrt(3.0), 1.0), 1.0) for x in PLACES])
+        apart = np.abs(computed - exact).max((1, 2)) / np.abs(exact).max((1, 2))
         errors.append(float(apart.max()))
         rows.append(Row(f"largest difference, of the largest value at its place, spacing {spacing:g} h", errors[-1]))
     rows.append(Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 2.0))
     panels = [
-        (f"$x = {x:g}\\,h$", [("exact", times, wanted[i, 1]), ("computed", times, found[i, 1])])
+        (f"$x = {x:g}\\,h$", [("exact", times, exact[i, 1]), ("computed", times, computed[i, 1])])
         for i, x in enumerate(PLACES)
         if x in (0.0, 1.0, 2.0, 4.0)
     ]
@@ -149,15 +141,15 @@ def pressed(r: float, times: np.ndarray) -> np.ndarray:
     speed."""
     nodes, weights = np.polynomial.legendre.leggauss(200)
     part, weights = (1 - nodes) / 2, weights / 2
-    found = np.zeros(len(times))
+    displacement = np.zeros(len(times))
     for start, end in ((1 / ROOT, 1.0), (1.0, RAYLEIGH), (RAYLEIGH, np.inf)):
         first = np.maximum(start, (times - RISE) / r)[:, None]
         last = np.maximum(np.minimum(end, times / r)[:, None], first)
         # the points are denser towards the end, where the integrand has a root singularity
         q = last - (last - first) * part**2
         step = (last - first) * 2 * part * weights
-        found += (rising(times[:, None] - r * q) * pressed_step(q) * step).sum(1)
-    return found
+        displacement += (rising(times[:, None] - r * q) * pressed_step(q) * step).sum(1)
+    return displacement
 
 
 def run_pressed(spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -183,9 +175,9 @@ def pekeris(folder: Path) -> Outcome:
 
     rows, errors = [], []
     for spacing in SPACINGS:
-        times, found = run_pressed(spacing)
-        wanted = pressed(AWAY, times)
-        apart = np.abs(found - wanted) / np.abs(wanted).max()
+        times, computed = run_pressed(spacing)
+        exact = pressed(AWAY, times)
+        apart = np.abs(computed - exact) / np.abs(exact).max()
         passing = (times > RAYLEIGH * AWAY) & (times < RAYLEIGH * AWAY + RISE)
         errors.append(float(apart.max()))
         rows += [
@@ -193,8 +185,8 @@ def pekeris(folder: Path) -> Outcome:
             Row(f"the same before and after the Rayleigh wave, spacing {spacing:g}", float(apart[~passing].max())),
         ]
     rows.append(Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 2.0))
-    rows.append(Row("last displacement over the static one", float(found[-1] * 8 * np.pi * AWAY / 3), 1.0))
-    curves = [("exact", times, wanted), ("computed", times, found)]
+    rows.append(Row("last displacement over the static one", float(computed[-1] * 8 * np.pi * AWAY / 3), 1.0))
+    curves = [("exact", times, exact), ("computed", times, computed)]
     picture = folder / "pekeris.png"
     curve_panels([("", curves)], picture, xlabel="t", ylabel="displacement along the force")
     return Outcome(rows, pictures=[picture])

@@ -23,14 +23,22 @@ from pathlib import Path
 import numpy as np
 from scipy.special import erfc, erfcx
 
-from farhorizon.boundaries import Free, LatticePML, Periodic, Side
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.conditions import Temperature
-from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Diffusion, Elastic, Heat, Thermoelastic
-from farhorizon.simulation.setup.setup import Setup
-from farhorizon.simulation.simulation import Simulation
+from farhorizon import (
+    Diffusion,
+    Elastic,
+    Free,
+    Heat,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Periodic,
+    Setup,
+    Side,
+    Simulation,
+    Temperature,
+    ThermalLoad,
+    Thermoelastic,
+)
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
@@ -48,15 +56,7 @@ _EVERY = 4  # nodes between the depths at which the coupled solution is computed
 
 
 def displacement(x: np.ndarray, t: float) -> np.ndarray:
-    """Exact displacement, in its unit.
-
-    Parameters
-    ----------
-    x : ndarray
-        Depths >= 0.
-    t : float
-        > 0.
-    """
+    """Exact displacement at depths x >= 0 and a time t > 0, in its unit."""
     root, spread = np.sqrt(t), np.exp(-(x**2) / (4 * t))
     near, far = root - x / (2 * root), root + x / (2 * root)
     # erfcx of positive numbers avoids exp(t), which overflows; behind the front the exponentials cancel
@@ -66,16 +66,8 @@ def displacement(x: np.ndarray, t: float) -> np.ndarray:
 
 
 def coupled_displacement(x: np.ndarray, t: float, coupling: float) -> np.ndarray:
-    """Exact displacement with coupling, in its unit: inverse Laplace transform along a line, accurate to 1e-5.
-
-    Parameters
-    ----------
-    x : ndarray
-        Depths >= 0.
-    t : float
-        > 0.
-    coupling : float
-        > 0.
+    """Exact displacement with coupling at depths x >= 0 and a time t > 0, in its unit: inverse Laplace transform along
+    a line, accurate to 1e-5.
     """
     period = 2 * t
     angles = np.pi * np.arange(_TERMS) / period
@@ -111,13 +103,8 @@ def _solid(spacing: float) -> Elastic:
 
 
 def run(spacing: float, computed: bool = False) -> Simulation:
-    """Part of the half-space, periodic along its face, before the first step.
-
-    Parameters
-    ----------
-    spacing : float
-    computed : bool
-        Compute the temperature in a run of its own, whose outermost nodes are held, instead of using the exact one.
+    """Part of the half-space, periodic along its face, before the first step; the temperature is exact or `computed` in
+    a run of its own, whose outermost nodes are held.
     """
     lower = -1.5 * spacing if computed else spacing / 2  # the wall is the inner edge of two layers of held nodes
     lattice, sides, kernel = _layer(spacing, lower)
@@ -150,14 +137,14 @@ def shock(folder: Path) -> Outcome:
         for computed in (False, True):
             sim = run(spacing, computed)
             for time in (EARLY, UNTIL):
-                x, found, wanted = compared(sim, time)
-                error = float(np.abs(found - wanted).mean() / np.abs(wanted).max())
+                x, moved, exact = compared(sim, time)
+                error = float(np.abs(moved - exact).mean() / np.abs(exact).max())
                 of = "computed" if computed else "exact"
                 rows.append(Row(f"mean difference, t = {time:g}, {of} temperature, spacing {spacing:g}", error))
                 if not computed:
                     errors.append(error)
                 if spacing == SPACINGS[-1] and not computed:
-                    panels.append((f"t = {time:g}", [("exact", x, wanted), ("computed", x, found)]))
+                    panels.append((f"t = {time:g}", [("exact", x, exact), ("computed", x, moved)]))
     orders = np.log2(np.array(errors[:2]) / errors[2:])
     rows += [
         Row(f"order in the spacing, t = {time:g}", float(o)) for time, o in zip((EARLY, UNTIL), orders, strict=True)
@@ -167,11 +154,11 @@ def shock(folder: Path) -> Outcome:
         sim = coupled_run(spacing).run(EARLY, progress=False)
         x = sim.lattice.axes[0]
         some = np.flatnonzero(x > 0)[::_EVERY]
-        found, wanted = sim.fields["u"][0, some, 4] / STRAIN, coupled_displacement(x[some], sim.time, COUPLING)
-        errors.append(float(np.abs(found - wanted).mean() / np.abs(wanted).max()))
+        moved, exact = sim.fields["u"][0, some, 4] / STRAIN, coupled_displacement(x[some], sim.time, COUPLING)
+        errors.append(float(np.abs(moved - exact).mean() / np.abs(exact).max()))
         rows.append(Row(f"mean difference, t = {EARLY:g}, coupled ({COUPLING:g}), spacing {spacing:g}", errors[-1]))
     rows.append(Row(f"order in the spacing, t = {EARLY:g}, coupled", float(np.log2(errors[0] / errors[1]))))
-    panels.append((f"t = {EARLY:g}, coupled", [("exact", x[some], wanted), ("computed", x[some], found)]))
+    panels.append((f"t = {EARLY:g}, coupled", [("exact", x[some], exact), ("computed", x[some], moved)]))
     picture = folder / "thermal-shock.png"
     curve_panels(panels, picture, xlabel="depth", ylabel="displacement")
     return Outcome(rows, pictures=[picture])

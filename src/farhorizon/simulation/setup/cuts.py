@@ -23,42 +23,26 @@ Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class CutBonds:
-    """Absent bonds of a near field on its grid.
-
-    Attributes
-    ----------
-    near : NearField
-    layered : LayeredSides
-    grid : Grid
-    closure : OutlineCondition or None
-    free_rim : bool
-        Whether bonds to nodes outside a body are absent.
-    notes : list of str
-        Receives notes for the user.
-    """
+    """Absent bonds of a near field on its grid."""
 
     near: NearField
     layered: LayeredSides
     grid: Grid
     closure: OutlineCondition | None
-    free_rim: bool
-    notes: list[str]
+    free_rim: bool  # whether bonds to nodes outside a body are absent
+    notes: list[str]  # receives notes for the user
     _known: dict[int, tuple[Crack, list[Bonds]]] = field(default_factory=dict, init=False)
 
-    def cut(self, cracks: Sequence[Crack], others: Bonds | None = None) -> None:
-        """Remove the bonds across some cracks, those that are absent in any case, and perhaps others.
-
-        Raises
-        ------
-        InputError
-            A crack crosses a side that cannot continue it, or cuts bonds that a condition along the outline reads.
+    def cut(self, cracks: Sequence[Crack], more: Bonds | None = None) -> None:
+        """Remove the bonds across some cracks, those that are absent in any case, and perhaps others; raises InputError
+        for a crack that crosses a side that cannot continue it, or cuts bonds that a condition along the outline reads.
         """
         engine = self.grid.engine
-        found = [bonds for crack in cracks for bonds in self._lost(crack)]
+        absent = [bonds for crack in cracks for bonds in self._lost(crack)]
         if self.closure is not None:
-            found += self._beyond_halo(self.closure)
-        found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]) if others is None else others)
-        nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
+            absent += self._beyond_halo(self.closure)
+        absent.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]) if more is None else more)
+        nodes, neighbours, weights = (np.concatenate([f[i] for f in absent]) for i in range(3))
         size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
         order = np.argsort(-size, kind="stable")  # where two cracks cross a bond, the one that removes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
@@ -81,7 +65,7 @@ class CutBonds:
             cut, self.grid.origin, self.near.lattice.spacing, block.nodes[lead:], engine.offsets[:, lead:]
         )
         flat = block.origin + nodes @ np.array(block.stride[lead:])
-        found = [(flat, flat + engine.offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds])]
+        lost_bonds = [(flat, flat + engine.offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds])]
         if self.closure is not None and np.isin(flat, self.closure.nodes).any():
             raise InputError(
                 "a crack cuts bonds of nodes that a condition along the outline reads",
@@ -92,12 +76,12 @@ class CutBonds:
         corners = [pair for pair in itertools.combinations(crossed, 2) if pair[0][0] != pair[1][0]]
         for keys in (*((key,) for key in crossed), *corners):
             *ends, weights = self._continued(cut, nodes, bonds, keys)
-            found.append((ends[0], ends[1], lost * weights))
-        self._known[id(crack)] = crack, found  # keeps the crack alive, so that its id stays unique
-        return found
+            lost_bonds.append((ends[0], ends[1], lost * weights))
+        self._known[id(crack)] = crack, lost_bonds  # keeps the crack alive, so that its id stays unique
+        return lost_bonds
 
     def existing(self, body: bool) -> np.ndarray:
-        """Return True at each place of a level where the medium has a node, and False beyond free sides and, if `body`,
+        """Return, for each place of a level, whether the medium has a node: not beyond free sides and, if `body`, not
         outside the body.
         """
         lattice, engine = self.near.lattice, self.grid.engine
@@ -115,22 +99,21 @@ class CutBonds:
         near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
         rows = []
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
-            other = near + int(offset @ np.array(block.stride))
-            lost = ~exists[other]
-            rows.append((near[lost], other[lost], np.repeat(np.asarray(weight)[None], int(lost.sum()), axis=0)))
+            neighbours = near + int(offset @ np.array(block.stride))
+            lost = ~exists[neighbours]
+            rows.append((near[lost], neighbours[lost], np.repeat(np.asarray(weight)[None], int(lost.sum()), axis=0)))
         return rows
 
     def _crossed(self, cut: Cut) -> list[Key]:
-        """Return the sides with a layer that a crack enters; InputError if it crosses a side that cannot continue it,
-        such as a sponge.
-
-        Beyond other sides it is cut as given.
+        """Return the sides with a layer that a crack enters; raises InputError if it crosses a side that cannot
+        continue it, such as a sponge. Beyond other sides it is cut as given.
         """
         lattice, crossed = self.near.lattice, []
         for (axis, side), boundary in self.layered.sides.items():
             edge = (lattice.lower, lattice.upper)[(side + 1) // 2][axis]
             end = cut.bounds()[(side + 1) // 2][axis]
-            if side * (end - edge) > 1e-9 * lattice.spacing and boundary.cracks not in ("end", "repeat"):
+            beyond = side * (end - edge) > 1e-9 * lattice.spacing  # more than rounding
+            if beyond and boundary.cracks not in ("end", "repeat"):
                 if boundary.cracks == "refuse":
                     raise InputError(
                         "a crack crosses a side that cannot continue it",
@@ -161,20 +144,20 @@ class CutBonds:
             self._check_straight(cut, nodes, rows, continued, keys[0])
         table = np.array(sorted(continued), int).reshape(-1, self.near.lattice.dim + 1)
         flat = block.origin + table[:, :-1] @ np.array(strides) + places[:, None]
-        other = flat + engine.offsets[table[:, -1]] @ np.array(block.stride)
-        return flat.ravel(), other.ravel(), np.concatenate([engine.weights[table[:, -1]]] * len(places))
+        neighbours = flat + engine.offsets[table[:, -1]] @ np.array(block.stride)
+        return flat.ravel(), neighbours.ravel(), np.concatenate([engine.weights[table[:, -1]]] * len(places))
 
     def _check_straight(
         self, cut: Cut, nodes: np.ndarray, rows: np.ndarray, continued: set[tuple[int, ...]], key: Key
     ) -> None:
-        """Check that a crack cuts the last columns of the core alike. In the layer it may end, but must not cut any
-        bond that its straight continuation does not cut.
+        """Check that a crack cuts the last columns of the core alike, and that in the layer, where it may end, it cuts
+        only bonds that its straight continuation cuts, too.
         """
         axis, side = key
         count = self.grid.engine.core.nodes[self.grid.lead + axis]
         for column in range(self.near.stencil.reach[axis] + 1):
-            there = nodes[:, axis] == (count - 1 - column if side > 0 else column)
-            if {tuple(row) for row in rows[there].tolist()} != continued:
+            in_column = nodes[:, axis] == (count - 1 - column if side > 0 else column)
+            if {tuple(row) for row in rows[in_column].tolist()} != continued:
                 raise self._oblique(cut, key)
         spacing, columns = self.near.lattice.spacing, self.layered.layers[key].columns
         shape = list(self.grid.engine.core.nodes[self.grid.lead :])

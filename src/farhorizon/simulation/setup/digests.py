@@ -20,7 +20,7 @@ _ATOMS = (type(None), bool, int, float, complex, str, bytes, PurePath)
 
 
 def digest_of(value: Any) -> bytes:
-    """Return the digest of a value.
+    """Digest of a value.
 
     Objects are digested by the arguments of their constructor, others by their attributes, functions by their code and
     the values that it refers to. Objects of the standard library, and runs, whose parts differ between processes, are
@@ -47,7 +47,7 @@ class _Digests:
         return self._known[id(value)][1]
 
     def _parts(self, value: Any) -> Iterable[bytes]:
-        """Return the digests of the parts of a value."""
+        """Digests of the parts of a value."""
         try:
             if (given := arguments_of(value)) is not None:
                 return self._items(given)
@@ -83,7 +83,7 @@ class _Digests:
         return self._items(_attributes(value))
 
     def _items(self, values: Mapping[Any, Any]) -> list[bytes]:
-        return sorted(_joined([self.of(key), self.of(one)]) for key, one in values.items())
+        return sorted(_joined([self.of(key), self.of(value)]) for key, value in values.items())
 
     def _function(self, value: FunctionType) -> Iterable[bytes]:
         cells = []
@@ -93,37 +93,37 @@ class _Digests:
             except ValueError:  # not assigned yet
                 cells.append(None)
         read = {name: value.__globals__[name] for name in _names_in(value.__code__) if name in value.__globals__}
-        used = {name: one for name, one in read.items() if _is_data(one) or _is_beside(one, value)}
+        used = {name: item for name, item in read.items() if _is_data(item) or _is_beside(item, value)}
         return map(self.of, (value.__code__, value.__defaults__, value.__kwdefaults__, cells, used))
 
 
 def _joined(parts: Iterable[bytes]) -> bytes:
-    found = hashlib.blake2b(digest_size=16)
+    joined = hashlib.blake2b(digest_size=16)
     for part in parts:
-        found.update(len(part).to_bytes(8, "little") + part)
-    return found.digest()
+        joined.update(len(part).to_bytes(8, "little") + part)
+    return joined.digest()
 
 
 def _attributes(value: Any) -> dict[str, Any]:
-    """Return the attributes of an object, without what it has computed on demand."""
-    kind = type(value)
-    slots = [name for one in kind.__mro__ for name in np.atleast_1d(one.__dict__.get("__slots__", ()))]
-    found = {str(name): getattr(value, name) for name in slots if hasattr(value, name)} | getattr(value, "__dict__", {})
+    """Attributes of an object, without what it has computed on demand."""
+    cls = type(value)
+    slots = [name for base in cls.__mro__ for name in np.atleast_1d(base.__dict__.get("__slots__", ()))]
+    held = {str(name): getattr(value, name) for name in slots if hasattr(value, name)} | getattr(value, "__dict__", {})
     return {
-        name: one for name, one in found.items() if not isinstance(getattr(kind, name, None), functools.cached_property)
+        name: item for name, item in held.items() if not isinstance(getattr(cls, name, None), functools.cached_property)
     }
 
 
 def _names_in(code: CodeType) -> set[str]:
-    """Return the names that a function and those defined in it may look up in their module."""
-    inner = [one for one in code.co_consts if isinstance(one, CodeType)]
+    """Names that a function and those defined in it may look up in their module."""
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
     return set(code.co_names).union(*map(_names_in, inner))
 
 
 def _is_data(value: Any) -> bool:
     """Whether a value consists of numbers, texts and arrays."""
     if isinstance(value, Mapping):
-        return all(_is_data(one) for one in value.values())
+        return all(_is_data(item) for item in value.values())
     if isinstance(value, list | tuple | Set):
         return all(map(_is_data, value))
     return isinstance(value, (*_ATOMS, np.generic, np.ndarray))

@@ -30,22 +30,12 @@ _FAINT = 1e-11  # share of the data that may touch a layer without a target, who
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """An engine and the place of the near field in it.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    margins : dict of (axis, side) to int
-        Number of nodes of the core beyond the near field.
-    engine : Engine
-    walled : frozenset of (axis, side)
-        Fixed sides beyond which there are such nodes.
-    """
+    """An engine and the place of the near field in it."""
 
     lattice: Lattice
-    margins: dict[Key, int]
+    margins: dict[Key, int]  # number of nodes of the core beyond the near field
     engine: Engine
-    walled: frozenset[Key]
+    walled: frozenset[Key]  # fixed sides beyond which there are such nodes
 
     @property
     def walls(self) -> np.ndarray:
@@ -61,11 +51,11 @@ class Grid:
     def clear_walls(self, values: np.ndarray) -> None:
         """Set values at places of a level to zero at the `walls`, and where the halo repeats them."""
         layout = self.engine.layout
-        every = layout.box.all(values)
+        values_with_halo = layout.box.all(values)
         for axis, side in self.walled:
             margin = self.margins[axis, side] + layout.reach[self.lead + axis]
             last = slice(None, margin) if side < 0 else slice(-margin, None)
-            every[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = 0
+            values_with_halo[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = 0
 
     @property
     def lead(self) -> int:
@@ -145,20 +135,9 @@ def choose_margins(
     nodes of the medium beyond a fixed side that have states.
 
     The entrance of a layer must be free of sources, data, cracks and changes of the material. One node keeps sources
-    out; for the others one reach more is needed. An exact end must be free of cracks and changes of the material.
-
-    Parameters
-    ----------
-    near : NearField
-    layered : LayeredSides
-    data : sequence of ndarray
-        Initial data.
-    medium : sequence of ndarray
-        All that must not change along the normal: varying constants, a body, the phases of a corrosion.
-    cuts : sequence of Cut
-    states : ForceStates or None
-    team : ProcessGroup
-        Processes that have parts of the near field: those at the same side have equally many nodes there.
+    out; for initial data and for `medium`, all that must not change along the normal, one reach more is needed. An
+    exact end must be free of cracks and changes of the material. Processes at the same side have equally many nodes
+    there.
     """
     lattice, margins = near.lattice, {}
     peaks = [team.largest(float(np.abs(f).max())) for f in map(near.size, data)]
@@ -171,6 +150,7 @@ def choose_margins(
             last = np.arange(m + 1) if side < 0 else lattice.shape[axis] - 1 - np.arange(m + 1)
             least = int(boundary.stretched)
             asked = boundary.open_ended or boundary.target is not None
+            # a thousandth of what may be missed, so that it does not count
             faint = 1e-3 * boundary.wanted(near.model.target) if asked else _FAINT
             busy = bool(least) and any(
                 np.abs(np.take(f, last, axis)).max() > faint * peak
@@ -181,8 +161,8 @@ def choose_margins(
             close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
             margins[axis, side] = 1 + m if busy or any(close) else least
     outer = {key: margins[key] for key, boundary in layered.sides.items() if boundary.uniform}
-    every = team.gather(outer)
-    return margins | {key: max(one.get(key, 0) for one in every) for key in outer}
+    margins_of_all = team.gather(outer)
+    return margins | {key: max(margins_there.get(key, 0) for margins_there in margins_of_all) for key in outer}
 
 
 def make_grid(
@@ -191,17 +171,11 @@ def make_grid(
     layered: LayeredSides,
     margins: dict[Key, int],
     states: ForceStates | None,
-    link: Link | None = None,
-    neighbours: Mapping[Key, int] | None = None,
+    exchange: tuple[Link, Mapping[Key, int]] | None = None,
     warm: bool = False,
 ) -> Grid:
-    """Make the engine of a near field and its sides; `neighbours` are the processes that fill the halo, if any, and
-    `link` is the connection to them. If `warm`, the layers have thermal strains, too.
-
-    Raises
-    ------
-    InputError
-        A fixed side beside a layer.
+    """Make the engine of a near field and its sides; `exchange` connects it to the processes that fill its
+    halo. If `warm`, layers have thermal strains, too. Raises InputError for a fixed side beside a layer.
     """
     lattice, model, stencil, sides = near.lattice, near.model, near.stencil, layered.sides
     lead = 3 - lattice.dim
@@ -220,7 +194,7 @@ def make_grid(
         grown = _over_core(near.variation.of_bonds, margins)
     moduli = None
     if near.variation.moduli is not None:
-        moduli = np.stack([_over_core(one, margins) for one in near.variation.moduli])
+        moduli = np.stack([_over_core(modulus, margins) for modulus in near.variation.moduli])
     engine = Engine(
         (x, y, z),
         offsets,
@@ -239,7 +213,8 @@ def make_grid(
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
         dragged=model.drag > 0,
     )
-    if link is not None and neighbours is not None:
+    if exchange is not None:
+        link, neighbours = exchange
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})
     images = {(lead + axis, side): b.image for (axis, side), b in sides.items() if b.image}
     engine.replace(filter=filter_with_images(engine.tables.filter, engine.layout, images))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.expressions import Expression
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.setup.reference_medium import constants_of
 from farhorizon.simulation.setup.setup import Setup, check_names
@@ -16,10 +17,22 @@ from farhorizon.simulation.setup.setup import Setup, check_names
 _LEAST = 5  # planes that remain of a stretch of equal ones, or as many as a node interacts with
 
 
+def evaluated_setup(setup: Setup) -> Setup:
+    """Return a set-up with the values, at the nodes, of those constants of its model that are functions of users, so
+    that trials and runs that are made anew do not call them again.
+    """
+    varying = setup.model.varying
+    functions = [name for name, value in varying.items() if callable(value) and not isinstance(value, Expression)]
+    if not functions:
+        return setup
+    constants = constants_of(setup)
+    return replace(setup, model=setup.model.with_constants({name: constants[name] for name in functions}))
+
+
 def remade_setup(setup: Setup, resolved: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
-    """Return a set-up at its start with some arguments changed. On another lattice there are no data and sources, and
-    the medium is uniform, as stiff as its stiffest part. The chosen time step and layers are kept, unless the model
-    changes on the same lattice.
+    """Return a set-up at its start with some arguments changed, with the chosen time step and layers unless the model
+    changes on the same lattice. On another lattice there are no data and sources, and the medium is uniform, as stiff
+    as its stiffest part.
     """
     check_names(changes)
     near, start = parts.near, parts.start

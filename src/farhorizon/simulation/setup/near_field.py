@@ -28,13 +28,14 @@ from farhorizon.simulation.setup.reference_medium import Contrast, ReferenceMedi
 from farhorizon.simulation.setup.setup import Setup, Sides, wrapping
 from farhorizon.simulation.setup.validation import closed_window
 
-_ALIKE = 1e-12  # relative difference up to which constants are those of the same medium
+_ALIKE = 1e-12  # relative difference up to which constants are those of the same medium, and a step that at the limit
+_TINY = 1e-300  # in place of zero, where nothing moves
 # (rate of the data x step)^2 for an error of a thousandth by a method of second order such as Chebyshev's
 _FOLLOWED = 0.02
 
 
 class Extremes(NamedTuple):
-    """Quantities that depend on all nodes of a near field: see `NearField`."""
+    """Quantities that depend on all nodes of a near field."""
 
     rate_limit: float
     contrast: Contrast
@@ -42,46 +43,21 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NearField:
-    """The near field, without what lies beyond its sides; on several processes, the part of one of them.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    model : LatticeModel
-    background : float
-    stencil : Stencil
-        Stencil of the medium where its coefficient is that of the model.
-    closed : ndarray of bool, or None
-        Nodes of a window that a condition along its outline closes.
-    variation : Variation
-        Variation of the medium relative to the model.
-    coefficient : ndarray or None
-        Given factor on bonds, in addition to the variation of the model's own constants.
-    conditions : Conditions
-    rate_limit : float
-        Largest rate of the operator (1/time, for waves 1/time^2).
-    dt : float
-    prescribed : PrescribedNodes
-        Nodes that follow a prescribed value, permanently or for a limited time.
-    contrast : Contrast
-        Pace of the whole near field, also on a part of it.
-    coupling : Coupling or None
-        Coupling with a temperature that the deformation changes.
-    """
+    """The near field, without what lies beyond its sides; on several processes, the part of one of them."""
 
     lattice: Lattice
     model: LatticeModel
     background: float
-    stencil: Stencil
-    closed: np.ndarray | None
-    variation: Variation
-    coefficient: np.ndarray | None
+    stencil: Stencil  # that of the medium where its coefficient is that of the model
+    closed: np.ndarray | None  # of bool; nodes of a window that a condition along its outline closes
+    variation: Variation  # of the medium relative to the model
+    coefficient: np.ndarray | None  # given factor on bonds, in addition to the variation of the model's own constants
     conditions: Conditions
-    rate_limit: float
+    rate_limit: float  # largest rate of the operator (1/time, for waves 1/time^2)
     dt: float
-    prescribed: PrescribedNodes
-    contrast: Contrast
-    coupling: Coupling | None = None
+    prescribed: PrescribedNodes  # nodes that follow a prescribed value, permanently or for a limited time
+    contrast: Contrast  # that of the whole near field, also on a part of it
+    coupling: Coupling | None = None  # with a temperature that the deformation changes
 
     @cached_property
     def continued(self) -> Stencil:
@@ -184,7 +160,7 @@ class NearField:
     @property
     def fastest_rate(self) -> float:
         """``coefficient / spacing^2`` where the medium is fastest: the factor of the stencil `fastest`."""
-        return self.model.coefficient / self.lattice.spacing**2 * max(self.strongest, 1e-300)
+        return self.model.coefficient / self.lattice.spacing**2 * max(self.strongest, _TINY)
 
     @property
     def fastest(self) -> Stencil:
@@ -202,21 +178,22 @@ class NearField:
     def hidden(self) -> np.ndarray | None:
         """Nodes of the lattice whose values do not belong to the body or window; None if there are none."""
         hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
-        hidden.ravel()[self.conditions.images] = True
+        if self.conditions.nodes.size:
+            hidden.ravel()[self.conditions.images] = True
         return hidden if hidden.any() else None
 
     @property
     def crossing(self) -> float:
-        """Unit of time of the set-up: the time in which the fastest wave crosses the near field, or in which it empties
-        by diffusion, ``R^2/D``.
+        """Unit of time of the set-up: that in which the fastest wave crosses the near field, or in which it empties by
+        diffusion, ``R^2/D``.
         """
-        return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
+        return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, _TINY))
 
     @property
     def slow_crossing(self) -> float:
         """As `crossing`, for the slowest wave or the smallest diffusivity."""
         length = max(self.lattice.whole.shape) * self.lattice.spacing
-        return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, 1e-300))
+        return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, _TINY))
 
     @property
     def material(self) -> np.ndarray:
@@ -224,23 +201,23 @@ class NearField:
         differs.
         """
         lattice = self.lattice
-        found = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
+        stiffness = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
         if self.density is not None:
-            found[self.density != 1] = np.nan
+            stiffness[self.density != 1] = np.nan
         if self.variation.lame is not None:
-            uniform = np.multiply.outer(self.model.moduli or (0.0, 0.0), found)
+            uniform = np.multiply.outer(self.model.moduli or (0.0, 0.0), stiffness)
             alike = np.abs(self.variation.lame - uniform) <= _ALIKE * np.abs(self.variation.lame).max()
-            found[~alike.all(0)] = np.nan
+            stiffness[~alike.all(0)] = np.nan
         if lattice.existing is not None:
-            found[~lattice.existing] = np.nan
-        return found
+            stiffness[~lattice.existing] = np.nan
+        return stiffness
 
     @property
     def busy(self) -> np.ndarray:
         """Nodes whose values are prescribed or held by a condition, as a mask of the lattice's shape."""
-        found = np.zeros(self.lattice.shape, bool)
-        found.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
-        return found
+        busy = np.zeros(self.lattice.shape, bool)
+        busy.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
+        return busy
 
     @property
     def conditioned(self) -> np.ndarray:
@@ -249,8 +226,8 @@ class NearField:
 
     def inside(self, values: np.ndarray) -> np.ndarray:
         """Return the values, zero outside a body, and beyond the outline of a window if a condition closes it."""
-        for there in (self.closed, self.lattice.existing):
-            values = values if there is None else np.where(there, values, 0.0)
+        for mask in (self.closed, self.lattice.existing):
+            values = values if mask is None else np.where(mask, values, 0.0)
         return values
 
     def visible(self, values: np.ndarray) -> np.ndarray:
@@ -276,41 +253,22 @@ def near_field(
     coefficient: np.ndarray | None = None,
     stiffer: float = 1.0,
     team: ProcessGroup = ALONE,
-    whole: Extremes | None = None,
+    extremes: Extremes | None = None,
 ) -> NearField:
-    """Return the near field of a set-up.
-
-    Parameters
-    ----------
-    setup : Setup
-    sides : dict of (axis, side) to Side
-        Some of them limit the default time step.
-    stencil : Stencil
-    variation : Variation
-    coefficient : ndarray or None
-        Given factor on bonds, as in `NearField`.
-    stiffer : float
-        Largest squared frequency over that of the medium with all its bonds.
-    team : ProcessGroup
-        The processes, each of which has a part of the near field.
-    whole : Extremes, optional
-        Quantities that depend on all parts.
-
-    Raises
-    ------
-    InputError
-        Conditions that cannot hold, a time step above the stable limit.
+    """Return the near field of a set-up. `stiffer` is the largest squared frequency over that of the medium with all
+    its bonds; `extremes` is what depends on all parts, if this is one of several. Raises InputError for conditions that
+    cannot hold, and a time step above the stable limit.
     """
-    lattice, model, factor = setup.lattice, setup.model, variation.stiffness
-    conditions = _resolve(setup, stencil, factor, team)
-    if whole is None:
-        contrast = contrast_in(
-            setup, decompose(lattice.shape, 1, stencil.reach, {}, wrapping(sides)), stencil, variation
-        )
-        leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
-        whole = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
-    rate = whole.rate_limit
-    coupling = _coupling(setup, stencil, variation)
+    lattice, model = setup.lattice, setup.model
+    conditions = _resolve(setup, stencil, variation.stiffness, team) if setup.constraints else Conditions()
+    if extremes is None:
+        contrast = _contrast(setup, sides, stencil, variation)
+        leak = 0.0
+        if conditions.leaks:
+            leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
+        extremes = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
+    rate = extremes.rate_limit
+    coupling = None if setup.heat is None else _coupling(setup, stencil, variation)
     if coupling is None:
         chosen = model.integrator.outruns and (setup.dt is None or callable(setup.dt))
         most = _step_that_follows(setup, sides, stencil, rate) if chosen else np.inf
@@ -323,33 +281,32 @@ def near_field(
         model,
         setup.background,
         stencil,
-        closed_window(setup, sides),
+        None if lattice.window is None else closed_window(setup, sides),
         variation,
         coefficient,
         conditions,
         rate,
         dt,
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
-        whole.contrast,
+        extremes.contrast,
         coupling,
     )
+
+
+def _contrast(setup: Setup, sides: Sides, stencil: Stencil, variation: Variation) -> Contrast:
+    """Return the contrast of a medium on one process."""
+    if variation.stiffness is None and variation.density is None and setup.model.bond_law is None:
+        strongest = setup.model.strongest
+        return Contrast(strongest, 1.0, strongest, dict.fromkeys(sides, 1.0), 0.0)
+    boxes = decompose(setup.lattice.shape, 1, stencil.reach, {}, wrapping(sides))
+    return contrast_in(setup, boxes, stencil, variation)
 
 
 def extremes_of(
     setup: Setup, reference_medium: ReferenceMedium, stencil: Stencil, team: ProcessGroup, stiffer: float
 ) -> Extremes:
-    """Return the quantities that depend on all of a near field, of which each process evaluates a box.
-
-    Parameters
-    ----------
-    setup : Setup
-    reference_medium : ReferenceMedium
-        Uniform medium relative to which that of the set-up varies.
-    stencil : Stencil
-        Stencil of the uniform medium.
-    team : ProcessGroup
-    stiffer : float
-        As in `near_field`.
+    """Return the quantities that depend on all of a near field, of which each process evaluates a box; `stencil` is
+    that of the uniform medium, and `stiffer` is as in `near_field`.
     """
     boxes = decompose(setup.lattice.shape, team.size, stencil.reach, {}, wrapping(setup.sides))
     part = reference_medium.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
@@ -364,7 +321,7 @@ def extremes_of(
 
 def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, contrast: Contrast) -> float:
     unit = model.coefficient / spacing**2
-    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(contrast.fastest, 1e-300))
+    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(contrast.fastest, _TINY))
 
 
 def _rate_limit(
@@ -374,7 +331,8 @@ def _rate_limit(
     unit = setup.model.coefficient / setup.lattice.spacing**2
     rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, contrast) * stiffer
     rate += unit * contrast.closing
-    rate += setup.model.source_factor * source_slope(setup, team.gather)
+    if setup.depends_on_field:
+        rate += setup.model.source_factor * source_slope(setup, team.gather)
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 
@@ -455,12 +413,12 @@ def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf)
             return default
         dt = kinds.function(dt, "run.dt", "the default step")(default)
     dt = kinds.number(dt, "run.dt", above=0)
-    if dt > limit * (1 + 1e-12):
+    if dt > limit * (1 + _ALIKE):
         raise InputError(
             "the time step is above the stable limit",
             value=dt,
             limit=f"{limit:.6g}",
             key="run.dt",
-            remedy=f"dt <= {0.9 * limit:.4g}, or leave dt out",
+            remedy=f"dt <= {0.9 * limit:.4g}, or leave dt out",  # a round number below it
         )
     return dt

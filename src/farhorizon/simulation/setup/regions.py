@@ -15,12 +15,8 @@ _MOST = 256  # values of a constant; with more of them it counts as varying cont
 
 
 def uneven(run: Any) -> dict[str, np.ndarray]:
-    """Return what varies from node to node, by name: "metal" (boolean), "coefficient" and constants of the model; on
-    several processes, at the nodes of this one.
-
-    Parameters
-    ----------
-    run : Simulation
+    """Return what varies from node to node of this process, by name: "metal" (boolean), "coefficient" and constants of
+    the model.
     """
     near, solid = run.parts.near, run.parts.start.solid
     constants = constants_of(replace(run.setup, lattice=run.lattice))
@@ -29,37 +25,32 @@ def uneven(run: Any) -> dict[str, np.ndarray]:
 
 
 def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
-    """Return the regions of a run; None where one medium fills the box, and on all processes but the first.
+    """Return the regions of a run, after `named` materials; None where one medium fills the box, and on all processes
+    but the first.
 
     Regions are numbered by size: region 0 has the most nodes. A constant with more than 256 values, such as a random
     one or one that grows with depth, defines no regions.
-
-    Parameters
-    ----------
-    run : Simulation
-    named : Regions, optional
-        Named materials, whose names come before the constants.
     """
     shape, hidden, team = run.lattice.shape, run.parts.near.hidden, run.team
-    there = np.ones(shape, bool) if hidden is None else ~hidden
-    numbers, names = np.zeros(there.sum(), np.int64), [""]
+    exists = np.ones(shape, bool) if hidden is None else ~hidden
+    numbers, names = np.zeros(exists.sum(), np.int64), [""]
     if named is not None:
-        known, numbers = _numbered(named.numbers[run.lattice.within][there], team)
+        known, numbers = _numbered(named.numbers[run.lattice.within][exists], team)
         names = [named.names[k] for k in known]
     for what, values in uneven(run).items():
-        known, which = _numbered(np.broadcast_to(values, shape)[there], team, _MOST + 1)
+        known, which = _numbered(np.broadcast_to(values, shape)[exists], team, _MOST + 1)
         if len(known) > _MOST:
             continue
         words = [_said(what, value) for value in known]
         pairs, numbers = _numbered(numbers * len(known) + which, team)
         names = [", ".join(filter(None, (names[k // len(known)], words[k % len(known)]))) for k in pairs]
     counts = team.summed(np.bincount(numbers, minlength=len(names)))
-    alike = len(names) == 1 and not team.any(not there.all())
+    alike = len(names) == 1 and not team.any(not exists.all())
     order = np.argsort(-counts, kind="stable")
-    own = np.full(shape, OUTSIDE, np.int32)
-    own[there] = np.argsort(order)[numbers]
-    whole = None if alike else team.joined(run.lattice, own)
-    return None if whole is None else Regions(whole, tuple(names[k] or "medium" for k in order))
+    numbers_here = np.full(shape, OUTSIDE, np.int32)
+    numbers_here[exists] = np.argsort(order)[numbers]
+    numbers_of_all = None if alike else team.joined(run.lattice, numbers_here)
+    return None if numbers_of_all is None else Regions(numbers_of_all, tuple(names[k] or "medium" for k in order))
 
 
 def _numbered(values: np.ndarray, team: ProcessGroup, most: int | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -17,12 +17,12 @@ from farhorizon.simulation.setup.setup import Setup
 
 
 def _types() -> dict[str, type]:
-    """Return the classes whose objects can be described, by name."""
+    """Classes whose objects can be described, by name."""
     return LatticeModel.known | Side.known | Storable.stored_as | {"Setup": Setup}
 
 
 def arguments_of(value: Any) -> dict[str, Any] | None:
-    """Return the arguments from which an object can be made again; None for one of a class that is not known."""
+    """Arguments from which an object can be made again; None for one of a class that is not known."""
     if _types().get(type(value).__name__) is not type(value):
         return None
     names = list(inspect.signature(type(value)).parameters)
@@ -32,7 +32,7 @@ def arguments_of(value: Any) -> dict[str, Any] | None:
 
 
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """Return a value as JSON; arrays are added to `arrays` under new names.
+    """A value as JSON; arrays are added to `arrays` under new names.
 
     Every described class keeps its constructor's arguments as attributes of the same name. A callable has no
     description and becomes a marker that `rebuild` refuses.
@@ -47,7 +47,7 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
         if value is integrator:
             return name
     if (given := arguments_of(value)) is not None:
-        return {"type": type(value).__name__, "arguments": {n: describe(one, arrays) for n, one in given.items()}}
+        return {"type": type(value).__name__, "arguments": {n: describe(part, arrays) for n, part in given.items()}}
     if isinstance(value, dict):
         return {"dict": {k: describe(v, arrays) for k, v in value.items()}}
     if isinstance(value, list | tuple):
@@ -58,12 +58,8 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
-    """Rebuild a value from its description by `describe`.
-
-    Raises
-    ------
-    InputError
-        A callable, which only the program that made it can provide again; an object of an unknown class.
+    """Rebuild a value from its description by `describe`; InputError for an object of an unknown class, or a callable,
+    which only the program that made it can provide again.
     """
     if isinstance(value, list):
         return [rebuild(v, arrays, key) for v in value]

@@ -88,13 +88,15 @@ def _check_coupled(heat: Setup, lattice: Lattice, key: str) -> None:
         raise InputError(
             "only what has a heat capacity is heated by a deformation", value=heat.model.title, key=key, limit="Heat"
         )
-    own = heat.lattice
-    alike = own.shape == lattice.shape and np.allclose([own.lower, own.upper], [lattice.lower, lattice.upper])
-    masks = [np.ones(one.shape, bool) if one.mask is None else one.mask for one in (own, lattice)]
+    heat_lattice = heat.lattice
+    alike = heat_lattice.shape == lattice.shape and np.allclose(
+        [heat_lattice.lower, heat_lattice.upper], [lattice.lower, lattice.upper]
+    )
+    masks = [np.ones(nodes.shape, bool) if nodes.mask is None else nodes.mask for nodes in (heat_lattice, lattice)]
     if not alike or not np.array_equal(masks[0], masks[1]):
         raise InputError(
             "the temperature is computed on nodes that are not those of the solid",
-            value=f"{own.shape} nodes from {own.lower.tolist()}",
+            value=f"{heat_lattice.shape} nodes from {heat_lattice.lower.tolist()}",
             limit=f"{lattice.shape} nodes from {lattice.lower.tolist()}",
             key=key,
             remedy="the same lattice, or coupled=False",
@@ -186,8 +188,9 @@ constraints, balance, specimens, loads
             words = "a BodyForce, Traction, Pressure or ThermalLoad"
             known = kinds.instance(load, f"load[{i}]", Load, words, remedy).resolved(lattice)
             loads.append(kinds.instance(known, f"load[{i}]", (BodyForce, Traction, Pressure, ThermalLoad), words))
-        kinds.set_fields(self, loads=tuple(loads))
-        self._resolve_heat()
+        if loads:
+            kinds.set_fields(self, loads=tuple(loads))
+            self._resolve_heat()
         kinds.set_fields(
             self,
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},
@@ -202,10 +205,10 @@ constraints, balance, specimens, loads
             else as_given(self.coefficient, lattice.dim, "coefficient", time=False),
         )
         if self.model.follows and lattice.whole is lattice:  # a part has the model of the whole
-            there = np.array(self.background)
-            laws = {name: law_of(one, ("u",), f"model.{name}") for name, one in self.model.follows.items()}
+            background = np.array(self.background)
+            laws = {name: law_of(quantity, ("u",), f"model.{name}") for name, quantity in self.model.follows.items()}
             strongest = conductivity_ratio(self)
-            levels = {name: float(law(there)) for name, law in laws.items()}
+            levels = {name: float(law(background)) for name, law in laws.items()}
             kinds.set_fields(self, model=self.model.around(levels, strongest))
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -222,11 +225,13 @@ constraints, balance, specimens, loads
 
     def _resolve_heat(self) -> None:
         """Settle the thermal load: its texts become expressions, and the model one with thermal strains."""
-        found = [(i, one) for i, one in enumerate(self.loads) if isinstance(one, ThermalLoad)]
-        if len(found) > 1:
-            key, remedy = f"load[{found[1][0]}]", "add the temperatures up"
-            raise InputError("a solid has one temperature", value=f"{len(found)} thermal loads", key=key, remedy=remedy)
-        for i, load in found:
+        thermal = [(i, entry) for i, entry in enumerate(self.loads) if isinstance(entry, ThermalLoad)]
+        if len(thermal) > 1:
+            key, remedy = f"load[{thermal[1][0]}]", "add the temperatures up"
+            raise InputError(
+                "a solid has one temperature", value=f"{len(thermal)} thermal loads", key=key, remedy=remedy
+            )
+        for i, load in thermal:
             key, given = f"load[{i}].temperature", load.temperature
             if not load.of_run(given):
                 given = as_source(given, self.lattice.dim, key)
@@ -236,13 +241,13 @@ constraints, balance, specimens, loads
                 )
             if load.coupled:
                 _check_coupled(given, self.lattice, key)
-            loads = [replace(one, temperature=given) if one is load else one for one in self.loads]
+            loads = [replace(entry, temperature=given) if entry is load else entry for entry in self.loads]
             kinds.set_fields(self, model=self.model.heated(load.coupled), loads=tuple(loads))
 
     @property
     def heat(self) -> ThermalLoad | None:
         """The thermal load of the solid; None if there is none."""
-        return next((one for one in self.loads if isinstance(one, ThermalLoad)), None)
+        return next((load for load in self.loads if isinstance(load, ThermalLoad)), None)
 
     @property
     def sides(self) -> Sides:
@@ -261,6 +266,11 @@ constraints, balance, specimens, loads
         """
         kept = self.model.bond_law is not None or self.model.drag > 0
         return kept or (self.model.mechanical and self.balance)
+
+    @property
+    def depends_on_field(self) -> bool:
+        """Whether a source or a constant of the model depends on the field."""
+        return bool(self.model.follows) or any(isinstance(source, OfField) for source in self.sources)
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -289,5 +299,5 @@ def within_part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
         place: tuple[Any, ...] = (..., *within)
         return value[place]
     if isinstance(value, list | tuple):
-        return type(value)(within_part(one, lattice, within) for one in value)
+        return type(value)(within_part(entry, lattice, within) for entry in value)
     return value

@@ -25,16 +25,8 @@ _MORE, _MOST = 0.5, 0.02
 
 
 def stiffening(near: NearField, grid: Grid, team: ProcessGroup, counted: float = 1.0) -> float:
-    """Return the largest squared frequency over that of the medium with all its bonds; above 1 where states lack bonds
-    or moduli vary.
-
-    Parameters
-    ----------
-    near : NearField
-    grid : Grid
-    team : ProcessGroup
-    counted : float
-        Stiffening that the near field's rate already includes.
+    """Return the largest squared frequency over that of the medium with all its bonds, above 1 where states lack bonds
+    or moduli vary; the near field's rate already includes a factor `counted`.
     """
     unlike = team.any(bool(grid.engine.absent.count) or near.variation.moduli is not None)
     if not unlike or not grid.engine.passes:
@@ -62,21 +54,15 @@ def _may_stiffen(setup: Setup) -> bool:
 
 
 def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
-    """Return the largest squared frequency of all nodes without the effect of layers, over all processes.
+    """Return the largest squared frequency of all nodes without the effect of layers, over all processes; it need not
+    be accurate below the rate `known`.
 
     The operator is symmetric, so Lanczos' method finds it, from below; nodes that never move are at zero.
-
-    Parameters
-    ----------
-    grid : Grid
-    team : ProcessGroup
-    known : float
-        A rate below which the result need not be accurate.
     """
     engine, layout = grid.engine, grid.engine.layout
     places = layout.box.node_indices()
-    there = engine.absent.exists[places]
-    nodes = engine.all_components(places[there]).reshape(engine.components, -1)
+    exists = engine.absent.exists[places]
+    nodes = engine.all_components(places[exists]).reshape(engine.components, -1)
     root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
     level, operator = np.zeros(engine.levels.shape[1], engine.dtype), engine.core_operator()
 
@@ -85,25 +71,25 @@ def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
         engine.complete(level)
         return -root * operator(level)[nodes]
 
-    def product(one: np.ndarray, other: np.ndarray) -> float:
-        return float(team.summed(np.array([(one * other).sum()]))[0])
+    def product(left: np.ndarray, right: np.ndarray) -> float:
+        return float(team.summed(np.array([(left * right).sum()]))[0])
 
-    values, enough = _noise(grid, team, places[there])
+    values, enough = _noise(grid, team, places[exists])
     values /= np.sqrt(product(values, values))
     before, diagonal, beside = np.zeros_like(values), [], [0.0]
     unit = 1.0
     for count in range(_ITERATIONS):
-        found = applied(values)
+        image = applied(values)
         if count == 0:  # a power of two, as a unit of rates whose squares neither overflow nor underflow
-            unit = float(np.ldexp(1.0, int(np.frexp(team.largest(float(np.abs(found).max(initial=0.0))))[1])))
-        found /= unit
-        diagonal.append(product(values, found))
-        found -= diagonal[-1] * values + beside[-1] * before
+            unit = float(np.ldexp(1.0, int(np.frexp(team.largest(float(np.abs(image).max(initial=0.0))))[1])))
+        image /= unit
+        diagonal.append(product(values, image))
+        image -= diagonal[-1] * values + beside[-1] * before
         (rate,), vector = eigh_tridiagonal(diagonal, beside[1:], select="i", select_range=(count, count))
-        beside.append(np.sqrt(product(found, found)))
+        beside.append(np.sqrt(product(image, image)))
         if beside[-1] * abs(vector[-1, 0]) <= _RESIDUAL * rate or (count >= enough and unit * rate <= known):
             break
-        before, values = values, found / beside[-1]
+        before, values = values, image / beside[-1]
     return float(unit * rate)
 
 
@@ -111,22 +97,22 @@ def _noise(grid: Grid, team: ProcessGroup, places: np.ndarray) -> tuple[np.ndarr
     """Return the start vector of Lanczos' method, half of whose energy lies at nodes unlike the medium, and a number of
     applications: if no rate above the medium's has been found by then, the largest exceeds it by at most `_UNSEEN`.
 
-    Modes faster than those of the medium are localised at these nodes: in noise spread over all nodes their share would
-    decrease with the size of the box. For n unknowns, m applications miss at most (ln n / 4 m)^2 of the rate.
+    Modes faster than those of the medium are localised at these nodes: in noise spread over all nodes their fraction
+    would decrease with the size of the box. For n unknowns, m applications miss at most (ln n / 4 m)^2 of the rate.
     """
     engine = grid.engine
     box, components = engine.layout.box, engine.components
     first = [n - low for n, low in zip(grid.first, engine.layout.low, strict=True)]
-    at = [one + n for one, n in zip(box.coordinates(places).T, first, strict=True)]
+    at = [index + n for index, n in zip(box.coordinates(places).T, first, strict=True)]
     # the value of a node depends on its place alone, whichever process has it
     values = np.stack([uniform(seed, *at) - 0.5 for seed in range(components)])
     unlike = _unlike(grid, team, places)
-    some, every = team.summed(np.array([unlike.sum(), len(places)], float))
-    if 0 < some < every:
-        values[:, unlike] *= np.sqrt((every - some) / some)
+    some, all_nodes = team.summed(np.array([unlike.sum(), len(places)], float))
+    if 0 < some < all_nodes:
+        values[:, unlike] *= np.sqrt((all_nodes - some) / some)
         numbers = 2 * components * some
     else:
-        numbers = components * every
+        numbers = components * all_nodes
     return values, int(np.ceil(np.log(numbers) / (4 * np.sqrt(_UNSEEN))))
 
 
@@ -136,12 +122,12 @@ def _unlike(grid: Grid, team: ProcessGroup, places: np.ndarray) -> np.ndarray:
     if passes is None:  # without states no absent bond makes another one stiffer
         return np.zeros(len(places), bool)
     law = engine.tables.gradient_pass.sweep.law
-    found = np.isin(places, law.nodes)
+    unlike = np.isin(places, law.nodes)
     if team.any(bool(law.local.size)):
         near = engine.layout.near.node_indices()
-        for one in passes.moduli_at(near.ravel()).T:
-            moduli = engine.spread(one.reshape(near.shape), jointly=True)
+        for modulus in passes.moduli_at(near.ravel()).T:
+            moduli = engine.spread(modulus.reshape(near.shape), jointly=True)
             for step, reach in zip(engine.layout.box.stride, engine.layout.reach, strict=True):
                 for neighbour in (places - step, places + step) if reach else ():
-                    found |= moduli[neighbour] != moduli[places]
-    return found
+                    unlike |= moduli[neighbour] != moduli[places]
+    return unlike

@@ -71,8 +71,8 @@ def surface_factor(lattice: Lattice, model: Elastic, boundary: Side | Mapping[st
         )
     sides = Setup(lattice, model, boundary).sides
     offsets, weights = Stencil.family(model.kernel, lattice.spacing, lattice.dim)
-    there = np.ones(lattice.shape) if lattice.existing is None else lattice.existing.astype(float)
-    padded, reach = there, np.abs(offsets).max(0)
+    exists = np.ones(lattice.shape) if lattice.existing is None else lattice.existing.astype(float)
+    padded, reach = exists, np.abs(offsets).max(0)
     for axis, m in enumerate(reach):
         if sides[axis, -1].periodic:
             padded = np.pad(padded, [(m, m) if a == axis else (0, 0) for a in range(lattice.dim)], mode="wrap")
@@ -83,7 +83,7 @@ def surface_factor(lattice: Lattice, model: Elastic, boundary: Side | Mapping[st
     left = np.zeros(lattice.shape)
     for offset, weight in zip(offsets, weights, strict=True):
         left += (
-            weight * padded[tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, there.shape, strict=True))]
+            weight * padded[tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, exists.shape, strict=True))]
         )
-    whole = (there > 0) & (left > 0)
-    return np.divide(weights.sum(), left, out=np.ones(lattice.shape), where=whole)
+    has_bonds = (exists > 0) & (left > 0)
+    return np.divide(weights.sum(), left, out=np.ones(lattice.shape), where=has_bonds)

@@ -22,27 +22,27 @@ _MOST = 2**22  # nodes for which thicknesses are looked for, in less than a seco
 
 
 def thickness_of(lattice: Lattice, sides: Sides) -> dict[int, int]:
-    """Return the thickness, in nodes between free surfaces, of the thinnest part of a body that has at least a tenth of
-    its nodes, by axis; without axes along which no part is thin.
+    """Return, by axis, the thickness, in nodes between free surfaces, of the thinnest part of a body that has at least
+    a tenth of its nodes; without axes along which no part is thin.
     """
     mask = lattice.existing
-    there = np.ones(lattice.shape, bool) if mask is None else mask
-    spans = [_spans(there, axis, sides) for axis in range(lattice.dim)]
+    exists = np.ones(lattice.shape, bool) if mask is None else mask
+    spans = [_spans(exists, axis, sides) for axis in range(lattice.dim)]
     longest = np.max(spans, axis=0)
-    found = {}
+    thickness = {}
     for axis, span in enumerate(spans):
-        thin = span[there & np.isfinite(span) & (span * _SLENDER <= longest)]
-        if thin.size >= _OFTEN * there.sum():
+        thin = span[exists & np.isfinite(span) & (span * _SLENDER <= longest)]
+        if thin.size >= _OFTEN * exists.sum():
             counts = np.bincount(thin.astype(int))
-            found[axis] = int(np.argmax(np.cumsum(counts) >= _OFTEN * there.sum()))
-    return found
+            thickness[axis] = int(np.argmax(np.cumsum(counts) >= _OFTEN * exists.sum()))
+    return thickness
 
 
-def _spans(there: np.ndarray, axis: int, sides: Sides) -> np.ndarray:
+def _spans(exists: np.ndarray, axis: int, sides: Sides) -> np.ndarray:
     """Return for each node the number of consecutive nodes along an axis to which it belongs, infinite where they reach
-    a side that is not free; shape of `there`.
+    a side that is not free.
     """
-    along = np.moveaxis(there, axis, -1)
+    along = np.moveaxis(exists, axis, -1)
     n = along.shape[-1]
     places = np.arange(n)
     before = np.maximum.accumulate(np.where(along, -1, places), axis=-1)  # the last absent node, -1 for none
@@ -58,23 +58,11 @@ def _spans(there: np.ndarray, axis: int, sides: Sides) -> np.ndarray:
 def apparent_modulus(
     kernel: Kernel, spacing: float, dim: int, material: str, plane: str | None, poisson: float, nodes: int
 ) -> float:
-    """Return Young's modulus of a plate between free surfaces over that of the material: the stress under a uniform
-    strain, with no forces on its faces and across its width, over the strain.
+    """Return Young's modulus of a plate, `nodes` thick between free surfaces, over that of the material: the stress
+    under a uniform strain, with no forces on its faces and across its width, over the strain.
 
     The plate is a piece that is so wide that the bonds from its middle do not reach its ends. The forces on its right
     half, added, are those that bonds carry through the middle.
-
-    Parameters
-    ----------
-    kernel : Kernel
-    spacing : float
-    dim : int
-        2 or 3.
-    material : str
-    plane : str, optional
-    poisson : float
-    nodes : int
-        Thickness.
     """
     model = Elastic(kernel, 1.0, None if material == "bond-based" else poisson, material=material, plane=plane)
     reach = max(model.medium(spacing, dim).reach)
@@ -86,8 +74,8 @@ def apparent_modulus(
     far = spacing * wide
     body = Box([*[-far] * (dim - 1), low], [*[far] * (dim - 1), high])
     lattice = Lattice(spacing, [0.0] * dim, upper, body=body)
-    there = lattice.existing
-    assert there is not None
+    exists = lattice.existing
+    assert exists is not None
     parts = assemble(Setup(lattice, model, Free(), threads=1))
     engine, indices = parts.grid.engine, parts.grid.indices
 
@@ -107,10 +95,10 @@ def apparent_modulus(
         fields.append(field)
     rows = []
     for field in fields:
-        found = forces(field * there) * there  # nodes that do not exist feel the others
-        through = [-np.moveaxis(found[a], a, 0)[half:, ..., :].sum(0) for a in range(dim - 1)]
-        resultants = [one[(half,) * (dim - 2)].sum() for one in through]
-        middle = found[(-1, *(half,) * (dim - 1))]
+        accelerations = forces(field * exists) * exists  # nodes that do not exist feel the others
+        through = [-np.moveaxis(accelerations[a], a, 0)[half:, ..., :].sum(0) for a in range(dim - 1)]
+        resultants = [force[(half,) * (dim - 2)].sum() for force in through]
+        middle = accelerations[(-1, *(half,) * (dim - 1))]
         rows.append([*resultants, *middle[reach : reach + inner]])
     response = np.array(rows).T  # of resultants and of forces on the layers, to each of the fields
     free = np.linalg.lstsq(response[1:, 1:], -response[1:, 0], rcond=None)[0]

@@ -20,19 +20,14 @@ from farhorizon.simulation.setup.setup import Setup, Sides, side_name
 
 
 def check_model(setup: Setup, sides: Sides) -> None:
-    """Refuse sides, bonds, phases and loads that the model does not support.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse sides, bonds, phases and loads that the model does not support."""
     model, cracks, coefficient = setup.model, setup.cracks, setup.coefficient
     for key, boundary in sides.items():
         if not model.serves(type(boundary)):
             raise InputError(
                 f"{model.title} has no such side",
                 value=type(boundary).__name__,
-                limit=names(lambda kind: model.serves(kind) and setup.lattice.dim in kind.dims),
+                limit=names(lambda side_type: model.serves(side_type) and setup.lattice.dim in side_type.dims),
                 key=f"boundary.{side_name(*key)}",
                 remedy=model.combinations,
             )
@@ -88,10 +83,6 @@ def _check_bonds(setup: Setup) -> None:
 def check_variation(sides: Sides, variation: Variation, stencil: Stencil) -> None:
     """Refuse sides that continue the medium with a single density if the density varies, and a medium that drifts if
     anything varies.
-
-    Raises
-    ------
-    InputError
     """
     if stencil.drifting and (variation.squared_speed is not None or variation.density is not None):
         raise InputError(
@@ -118,17 +109,16 @@ def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse a material, or a body, that varies along the normal within one reach of a side whose nodes stretch
     derivatives: the nodes of the near field just before it take part in the absorption. Before other layers the medium
     is continued for one reach as it is at the edge.
-
-    Raises
-    ------
-    InputError
     """
     stretched = [key for key, boundary in sides.items() if boundary.derivatives]
     if not stretched:
         return
-    there = np.ones(setup.lattice.shape, bool) if setup.lattice.existing is None else setup.lattice.existing
+    exists = np.ones(setup.lattice.shape, bool) if setup.lattice.existing is None else setup.lattice.existing
     felt = {name: values for name, values in constants_of(setup).items() if name in setup.model.uneven}
-    medium = {"lattice.body": there, **{f"model.{name}": np.where(there, one, 0.0) for name, one in felt.items()}}
+    medium = {
+        "lattice.body": exists,
+        **{f"model.{name}": np.where(exists, constant, 0.0) for name, constant in felt.items()},
+    }
     for (name, values), (axis, side) in itertools.product(medium.items(), stretched):
         last = np.moveaxis(values, axis, 0)[::-side][: stencil.reach[axis] + 1].reshape(stencil.reach[axis] + 1, -1)
         most = int(np.ptp(last.astype(float), axis=0).argmax())
@@ -147,10 +137,6 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse what fields of several components and media with a reaction do not support, integrators that conditions
     along an outline do not support, and a near field that is thinner than the stencil. Along periodic axes it may be
     thinner: there the stencil may wrap around several times.
-
-    Raises
-    ------
-    InputError
     """
     if stencil.components > 1:
         _check_vector(setup, sides)
@@ -210,10 +196,6 @@ def _check_faces(setup: Setup, sides: Sides, order: int) -> None:
 def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse a crack across a periodic side that does not re-enter through the opposite one: a bond across that side
     must be cut at both of its ends.
-
-    Raises
-    ------
-    InputError
     """
     lattice, around = setup.lattice, sorted({axis for (axis, _), side in sides.items() if side.cracks == "repeat"})
     shape = np.array(lattice.shape)
@@ -226,9 +208,9 @@ def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         beyond = (ends < 0) | (ends >= shape)
         ends[:, around] %= shape[around]
         across = beyond[:, around].any(1) & ((ends >= 0) & (ends < shape)).all(1)
-        there = np.concatenate([nodes, stencil.offsets[bonds]], 1)
+        cut_ahead = np.concatenate([nodes, stencil.offsets[bonds]], 1)
         back = np.concatenate([ends, -stencil.offsets[bonds]], 1)[across]
-        if len(np.unique(np.concatenate([there, back]), axis=0)) > len(there):
+        if len(np.unique(np.concatenate([cut_ahead, back]), axis=0)) > len(cut_ahead):
             raise InputError(
                 "a crack crosses a side that cannot continue it: what leaves through a periodic side comes in "
                 "through the opposite one",
@@ -242,11 +224,11 @@ def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
 def _check_vector(setup: Setup, sides: Sides) -> None:
     """Refuse what fields of several components do not support."""
     name = type(setup.model).__name__
-    for i, one in enumerate(setup.constraints):
-        if not isinstance(one, Prescribed):
+    for i, condition in enumerate(setup.constraints):
+        if not isinstance(condition, Prescribed):
             raise InputError(
                 f"thermal conditions are for scalar fields, not for {name}",
-                value=type(one).__name__,
+                value=type(condition).__name__,
                 limit="Prescribed",
                 key=f"constraint[{i}]",
                 remedy="prescribe displacements or velocities, or load a free side",
@@ -285,7 +267,7 @@ def _check_reaction(setup: Setup, sides: Sides, stencil: Stencil) -> None:
                 f"{type(boundary).__name__} does not support media with a reaction",
                 value=value,
                 key=f"boundary.{side_name(*key)}",
-                limit=names(lambda kind: kind.reactive and model.serves(kind)),
+                limit=names(lambda side_type: side_type.reactive and model.serves(side_type)),
                 remedy="LatticePML",
             )
     if model.dissolution is not None:
@@ -325,10 +307,10 @@ def _check_drift(setup: Setup, sides: Sides, stencil: Stencil) -> None:
                 f"{type(boundary).__name__} does not support {words}",
                 value=type(boundary).__name__,
                 key=f"boundary.{side_name(*key)}",
-                limit=names(lambda kind: kind.drifting and model.serves(kind)),
+                limit=names(lambda side_type: side_type.drifting and model.serves(side_type)),
                 remedy="Exact",
             )
-    conditions = [one for one in setup.constraints if not isinstance(one, Prescribed)]
+    conditions = [condition for condition in setup.constraints if not isinstance(condition, Prescribed)]
     for name, given in (
         ("crack", len(setup.cracks)),
         ("lattice.body", setup.lattice.body is not None),

@@ -1,16 +1,24 @@
-"""Bonds that follow a law of their own stretch: nonlinear ones, and those that break."""
+"""Bonds that follow a law of their own stretch: nonlinear ones, and those that break.
+
+In the margin of a near field, within one reach of sides that are not free, and outside the boxes of incident waves,
+bonds cannot break, so that a crack that gets there stops.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.bonds import steepest
 from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.fracture import final_stretch
@@ -20,10 +28,10 @@ from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
-from farhorizon.simulation.setup.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.setup.setup import Key, Sides
+from farhorizon.simulation.time.outer_loop import warn_once
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # relative
 _SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
 
 
@@ -34,29 +42,50 @@ AT_REST = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class IntactMargin:
+    """The bonds of the nodes in the margin."""
+
+    nodes: np.ndarray  # of int, shape (n,); places of the nodes in a level
+    corners: np.ndarray  # of int, shape (n, dim); their indices in the lattice
+    bits: np.ndarray  # of uint64, shape (words, n); one bit per bond: set if it is present and ends in the near field
+    distances: np.ndarray  # of int, shape (K,); offsets to the neighbours in a level
+    bonds: np.ndarray  # shape (K, dim); bond vectors
+    # largest ``|xi + eta|^2 / |xi|^2 - 1`` at which the weakest bonds would not break (linearised: ``2 xi . eta /
+    # |xi|^2``)
+    limit: float
+    nonlinear: bool
+    strength: np.ndarray  # limit at each place of a level relative to `limit`, or a single number
+    every: int  # steps between two checks: a wave takes longer to cross the margin
+    boxed: bool  # whether the margin includes what lies outside the boxes of incident waves
+
+    def overstretched(self, level: np.ndarray) -> np.ndarray | None:
+        """Return the index in the lattice of the node whose bond exceeds its limit most in a level of the engine; None
+        if none does.
+        """
+        given = self.nodes, self.bits, self.distances, self.bonds, self.nonlinear, self.strength
+        node, strain = steepest(level, *given)
+        return self.corners[node] if strain > self.limit else None
+
+    def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
+        """Return a warning if a bond exceeds its limit; otherwise None."""
+        node = self.overstretched(level)
+        if node is None:
+            return None
+        place = (lattice.lower + lattice.spacing * node).round(9).tolist()
+        return (
+            f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+            f"reach of a side that is not free{' or outside the box of an incident wave' if self.boxed else ''}: a "
+            "crack stops there, and what follows is not valid; enlarge the near field"
+        )
+
+
 class Breaking:
     """Bonds of a near field on its grid that follow a law; the engine receives them whole and uncut.
 
-    Parameters
-    ----------
-    law : BondLaw
-    near : NearField
-    sides : dict of (axis, side) to Side
-    grid : Grid
-    cuts : CutBonds
-    regions : sequence of Region
-        Boxes of incident waves. The field is the total one inside them and the scattered one outside, so that bonds
-        through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
-        neither can break.
-    team : ProcessGroup
-        Processes that each have a part of the near field.
-
-    Attributes
-    ----------
-    critical_stretch : float
-        That of the weakest bonds in the whole lattice.
-    families : ndarray of int
-        Number of bonds of each node, whole and uncut; shape of the lattice.
+    `regions` are the boxes of incident waves. The field is the total one inside them and the scattered one outside, so
+    that bonds through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
+    neither can break.
     """
 
     def __init__(
@@ -71,9 +100,9 @@ class Breaking:
     ) -> None:
         self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
         self.regions = regions
-        self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))
+        self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))  # of the weakest bonds of all
         self.begin()
-        self.families = self.left()
+        self.families = self.left()  # number of bonds of each node, uncut; of the lattice's shape
         if law.fracture_energy is not None and law.energy_factor is not None:
             cuts.notes.append(
                 f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
@@ -126,13 +155,8 @@ class Breaking:
 
     @cached_property
     def final_stretches(self) -> np.ndarray:
-        """For bonds that soften, the stretch at which nothing is left of them; at the nodes of this lattice, or a
-        single number.
-
-        Raises
-        ------
-        InputError
-            When they begin to soften, bonds hold more than the fracture energy.
+        """For bonds that soften, the stretch at which nothing is left of them, at the nodes of this lattice or as a
+        single number; raises InputError if they hold more than the fracture energy when they begin to soften.
         """
         law, near, onset = self.law, self.near, self.critical_stretches
         toughness = 1.0 if near.variation.toughness is None else near.variation.toughness
@@ -159,8 +183,8 @@ class Breaking:
         """
         stretches = self.critical_stretches
         limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
-        every = self.team.gather((float(limits.min()), float(limits.max())))
-        least, most = min(low for low, _ in every), max(high for _, high in every)
+        limits_of_all = self.team.gather((float(limits.min()), float(limits.max())))
+        least, most = min(low for low, _ in limits_of_all), max(high for _, high in limits_of_all)
         return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
 
     def _everywhere(self, values: np.ndarray) -> np.ndarray:
@@ -178,8 +202,8 @@ class Breaking:
         if engine.passes is not None and self.near.factor is not None:
             hard = self.grid.grown(self.near.factor)
         ends = None if law.softening is None else self.grid.grown(self._everywhere(self.final_stretches))
-        own = law.contact, law.warm, law.softening, ends, hard
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *own)
+        options = law.contact, law.warm, law.softening, ends, hard
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *options)
         if law.warm:
             set_heat(engine, spacing)
         self.cuts.cut(())
@@ -217,18 +241,19 @@ class Breaking:
         first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]
         box = (1,) * lead + lattice.shape
         nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
-        whole = np.zeros((3, 2), bool)
+        in_full = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
-            whole[lead + axis, int(side > 0)] = boundary.held is not None
+            in_full[lead + axis, int(side > 0)] = boundary.held is not None
         return self.near.mass * self.grid.engine.bonds.energy(
-            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole, cold
+            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, in_full, cold
         )
 
     def margin(self) -> IntactMargin | None:
         """Return the margin in which bonds cannot break, to be checked whenever a longitudinal wave has crossed one
-        reach.
+        reach; None if there is none.
         """
         engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
+        part, offsets = self.grid.near, engine.offsets[:, self.grid.lead :]
         low, high = (
             np.clip(
                 np.array(edge[self.grid.lead :]) - [self.grid.margins[a, -1] for a in range(lattice.dim)],
@@ -237,56 +262,64 @@ class Breaking:
             )
             for edge in (self.zone.first, self.zone.end)
         )
-        crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
-        within = [np.zeros(lattice.shape, bool) for _ in self.regions]
-        for inside, region in zip(within, self.regions, strict=True):
-            bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
-            inside[tuple(slice(*pair) for pair in bounds)] = True
-        part, bonds = self.grid.near, lattice.spacing * engine.offsets[:, self.grid.lead :].astype(float)
+        outside = np.ones(lattice.shape, bool)
+        outside[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = False
+        corners = np.argwhere(outside)
+        bits = self._bits_inside(corners, engine.bonds.present(part).reshape(-1, *lattice.shape)[:, outside])
+        held, limit = bits.any(0), engine.bonds.limit
+        if not held.any() or not np.isfinite(limit):
+            return None
+        bonds = lattice.spacing * offsets.astype(float)
         if len(engine.bonds.table.released):  # bonds that break by energy share the elongation limit of the longest one
             lengths = np.linalg.norm(bonds, axis=1)
             bonds *= (lengths.max() / lengths)[:, None]
-        return intact_margin(
-            lattice.shape,
-            tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
-            engine.core.node_indices()[part].reshape(lattice.shape),
-            engine.offsets[:, self.grid.lead :],
-            engine.bonds.present(part).reshape(-1, *lattice.shape),
-            within,
+        crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
+        return IntactMargin(
+            engine.core.node_indices()[part].reshape(lattice.shape)[outside][held],
+            corners[held],
+            np.ascontiguousarray(bits[:, held]),
             engine.offsets @ np.array(engine.core.stride),
-            bonds,
-            engine.bonds.limit,
+            np.ascontiguousarray(bonds, float),
+            limit,
             law.nonlinear,
             engine.bonds.table.strength,
             max(1, int(crossing / near.dt)),
+            bool(self.regions),
         )
 
-    def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
-        """Return the sides within one reach of which there are cracks whose faces would come into contact, but do
-        not.
+    def _bits_inside(self, corners: np.ndarray, bits: np.ndarray) -> np.ndarray:
+        """Return the bits of the bonds of some nodes, shape (words, n), without those of bonds that leave the near
+        field, and of bonds through the face of an incident wave's box, which have no meaningful stretch.
         """
-        near, found = self.near, set()
+        lattice = self.near.lattice
+        boxes = [np.zeros(lattice.shape, bool) for _ in self.regions]
+        for inside, region in zip(boxes, self.regions, strict=True):
+            bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
+            inside[tuple(slice(*pair) for pair in bounds)] = True
+        for k, offset in enumerate(self.grid.engine.offsets[:, self.grid.lead :]):
+            neighbours = corners + offset
+            leaves = ((neighbours < 0) | (neighbours >= lattice.shape)).any(1)
+            neighbours_inside = tuple(np.where(leaves[:, None], corners, neighbours).T)
+            for inside in boxes:
+                leaves |= inside[tuple(corners.T)] != inside[neighbours_inside]
+            bits[k >> 6, leaves] &= ~(np.uint64(1) << np.uint64(k & 63))
+        return bits
+
+    def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
+        """Return the sides within one reach of which there are cracks whose faces would meet, but do not."""
+        near, open_sides = self.near, set()
         for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
             if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
                 axis, sign = key
                 edge = (near.lattice.lower if sign < 0 else near.lattice.upper)[axis]
                 beyond = sign * ((low if sign < 0 else high)[axis] - edge) / near.lattice.spacing
                 if beyond > -near.stencil.reach[axis]:
-                    found.add(key)
-        return sorted(found)
+                    open_sides.add(key)
+        return sorted(open_sides)
 
     def check_start(self, force: np.ndarray) -> None:
-        """Refuse initial data that would break bonds at once, and a load whose first strain would shatter whatever it
-        meets; note one whose first strain would break bonds.
-
-        Parameters
-        ----------
-        force : ndarray
-            Force of the sources at the start, of the shape of the field.
-
-        Raises
-        ------
-        InputError
+        """Refuse initial data that would break bonds at once, and a load (`force`, of the field's shape) whose first
+        strain would shatter whatever it meets; note one whose first strain would break bonds.
         """
         limit, near = self.critical_stretch, self.near
         if not np.isfinite(limit):
@@ -321,3 +354,16 @@ class Breaking:
                 f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break "
                 "at once"
             )
+
+
+def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
+    """Warn if bonds in the margin of a run are stretched beyond their limit, every `every` steps, if that is positive;
+    on several processes any of them may have such bonds.
+    """
+    if not every or run.step_count < run.next_look:
+        return
+    run.next_look = (run.step_count // every + 1) * every
+    warnings_of_all = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
+    warning = next((text for text in warnings_of_all if text is not None), None)
+    if warning is not None:
+        warn_once(run, "crack where bonds cannot break", warning)

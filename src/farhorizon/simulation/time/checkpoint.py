@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Container, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.pieces import parts_of_sums
+from farhorizon.engine.state import parts_of_sums
+from farhorizon.errors import FileFormatError
+from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.setup.serialization import rebuild
 from farhorizon.simulation.setup.setup import Setup
 
 Arrays = dict[str, np.ndarray]
-
-
 #: Entries of the fingerprint that refer to the nodes of one process; not compared when several processes are involved.
 OF_A_BOX = "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"
 
 
 def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
-    """Return what a checkpoint and the run that resumes from it must have in common; `cuts` is the number of absent
+    """What a checkpoint and the run that resumes from it must have in common, as JSON; `cuts` is the number of absent
     bonds at the start.
     """
     near, engine, model = parts.near, parts.grid.engine, parts.near.model
     lattice, law, dissolution = near.lattice, model.bond_law, model.dissolution
-    found = {
+    facts = {
         "levels": len(engine.levels),
         "dtype": engine.dtype.name,
         "dt": near.dt,
@@ -42,40 +45,75 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         "opens": [c.opens for c in setup.cracks],
     }
     if model.drag:
-        found["drag"] = model.drag
+        facts["drag"] = model.drag
     if np.any(engine.reaction):
-        found["reaction"] = np.asarray(engine.reaction).tolist()
+        facts["reaction"] = np.asarray(engine.reaction).tolist()
     if near.density is not None:
-        found["density"] = float(near.density.sum())
+        facts["density"] = float(near.density.sum())
     if parts.ends is not None:
-        found["exact"] = parts.ends.names
+        facts["exact"] = parts.ends.names
     if parts.closure is not None:
-        found |= {"fringe": list(engine.outline_history.shape), "update": parts.closure.mark()}
+        facts |= {"fringe": list(engine.outline_history.shape), "update": parts.closure.mark()}
     if law is not None:
-        found["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
+        facts["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
     heat = setup.heat
     if parts.breaking is not None and parts.breaking.may_break and heat is not None and heat.of_run(heat.temperature):
-        found["insulated"] = heat.contact_conductance  # broken bonds conducted in earlier versions
+        facts["insulated"] = heat.contact_conductance  # broken bonds conducted in earlier versions
     if law is not None and law.contact:
-        found["contact"] = True
+        facts["contact"] = True
     if law is not None and law.softening is not None:
-        found["softening"] = [law.softening, law.fracture_energy]
+        facts["softening"] = [law.softening, law.fracture_energy]
     if near.variation.toughness is not None:
-        found["toughness"] = float(near.variation.toughness.sum())
+        facts["toughness"] = float(near.variation.toughness.sum())
     if near.variation.strength is not None:
-        found["strength"] = float(near.variation.strength.sum())
+        facts["strength"] = float(near.variation.strength.sum())
     if near.prescribed.constraints:
-        found["constraints"] = len(near.prescribed.constraints)
+        facts["constraints"] = len(near.prescribed.constraints)
     if dissolution is not None:
-        found |= {"solid": int(parts.start.solid.sum()), "saturation": dissolution.saturation}
-        found |= {"interface": dissolution.interface} | ({"limited": True} if dissolution.limited else {})
-    return found
+        facts |= {"solid": int(parts.start.solid.sum()), "saturation": dissolution.saturation}
+        facts |= {"interface": dissolution.interface} | ({"limited": True} if dissolution.limited else {})
+    return facts
+
+
+def check_alike(
+    path: Path, meta: Mapping[str, Any], fingerprint: dict[str, Any], left_out: Container[str] = ()
+) -> None:
+    """Refuse a checkpoint whose fingerprint, in `meta`, differs from that of a set-up in entries not left out."""
+    mine, theirs = json.loads(json.dumps(fingerprint)), meta.get("fingerprint", {})
+    different = sorted(k for k in {*mine, *theirs} if k not in left_out and mine.get(k) != theirs.get(k))
+    if different:
+        raise FileFormatError(
+            "the checkpoint belongs to another set-up",
+            value=str(path),
+            limit=f"same {', '.join(different)}",
+            remedy="resume with the case that wrote it",
+        )
+
+
+def arguments_in(path: str | Path, run: str, left_out: Container[str]) -> dict[str, Any]:
+    """Arguments of the run that wrote a checkpoint, of the class named `run`, without those left out; the initial data
+    are arrays of its state. InputError for a Python function, which a file cannot hold.
+    """
+    arrays, meta = read_checkpoint(path)
+    if len(meta.get("boxes", ())) > 1:
+        raise FileFormatError(
+            "a checkpoint of several processes does not hold what was given for the run",
+            value=str(path),
+            remedy=f"make the same {run} and load(path)",
+        )
+    if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != run:
+        raise FileFormatError(f"the file holds no {run}", value=str(path), remedy=f"a checkpoint written by {run}.save")
+    given = meta["setup"]["dict"]
+    arguments = {name: rebuild(value, arrays, name) for name, value in given.items() if name not in left_out}
+    if "start_u" in arrays:
+        arguments["initial"] = {"u": arrays["start_u"] + rebuild(given["background"], arrays)}
+        arguments["initial"] |= {"v": arrays["start_v"]} if np.any(arrays["start_v"]) else {}
+    return arguments
 
 
 def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
-    """Return what the state of a run on one process has in addition to that of its nodes: the initial data, partial
-    sums in the order in which they were added, and the memory of sides that exist only on one process; as arrays, and
-    as facts for JSON.
+    """What the state of a run on one process has beside that of its nodes, as arrays and as JSON: the initial data,
+    partial sums in the order in which they were added, the memory of sides that exist only on one process.
     """
     engine, meta = parts.grid.engine, {}
     arrays = {"start_u": parts.start.u, "start_v": parts.start.v}

@@ -12,32 +12,20 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from farhorizon.engine.pieces import Box, common
+from farhorizon.engine.state import Box, common
 from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint, write_checkpoint
 from farhorizon.files.parts import folder_of
 from farhorizon.simulation.setup.serialization import describe
-from farhorizon.simulation.time.checkpoint import OF_A_BOX, Arrays, fingerprint
-from farhorizon.simulation.time.resume import check_alike
+from farhorizon.simulation.time.checkpoint import OF_A_BOX, Arrays, check_alike, fingerprint
 from farhorizon.simulation.time.time_loop import TimeLoop
 
 
 def write_state(
     path: Path, time_loop: TimeLoop, step: int, arrays: Arrays, kept: Mapping[str, Any], given: Mapping[str, Any]
 ) -> None:
-    """Write the state of a run.
-
-    Parameters
-    ----------
-    path : Path
-    time_loop : TimeLoop
-    step : int
-    arrays : mapping of str to ndarray
-        Further arrays to store; on several processes the same on all.
-    kept : mapping
-        Further metadata for JSON.
-    given : mapping
-        Arguments of the run; on several processes, the sides as chosen.
+    """Write the state of a run, further arrays (on several processes the same on all) and values for JSON, and the
+    arguments of the run, on several processes with the sides as chosen.
     """
     team, folder = time_loop.team, folder_of(path)
     team.alike({"path": path})
@@ -52,9 +40,9 @@ def write_state(
 
     def conclude() -> None:
         write_checkpoint(path, arrays, meta)
-        for one in folder.iterdir() if folder.is_dir() else ():
-            if not (team and one.name.startswith(f"{step}-")):
-                one.unlink()
+        for part in folder.iterdir() if folder.is_dir() else ():
+            if not (team and part.name.startswith(f"{step}-")):
+                part.unlink()
         if not team and folder.is_dir():
             folder.rmdir()
 
@@ -62,13 +50,8 @@ def write_state(
 
 
 def read_state(path: Path, time_loop: TimeLoop) -> tuple[int, Arrays, dict[str, Any]]:
-    """Restore the state stored in a checkpoint, whichever processes wrote it; return its step, and the further arrays
-    and metadata.
-
-    Raises
-    ------
-    FileFormatError
-        The file is damaged, belongs to another set-up, or lacks a part.
+    """Restore the state stored in a checkpoint, whichever processes wrote it; returns its step, and the further arrays
+    and values. FileFormatError if it is damaged, belongs to another set-up, or lacks a part.
     """
     with time_loop.team.agreed():
         arrays, meta = read_checkpoint(path)
@@ -84,31 +67,28 @@ def read_state(path: Path, time_loop: TimeLoop) -> tuple[int, Arrays, dict[str, 
     return int(meta["step"]), arrays, meta
 
 
-def _states_in(path: Path, arrays: Arrays, meta: Mapping[str, Any], own: Box) -> Iterator[tuple[Box, Arrays]]:
+def _states_in(path: Path, arrays: Arrays, meta: Mapping[str, Any], box: Box) -> Iterator[tuple[Box, Arrays]]:
     """Yield the boxes of a checkpoint that share nodes with a box, and their arrays."""
     boxes = meta["boxes"]
-    for number, box in enumerate(boxes):
-        if common(own, box, (0, 1, 2)) is None:
+    for number, stored in enumerate(boxes):
+        if common(box, stored, (0, 1, 2)) is None:
             continue
         part = _part(path, int(meta["step"]), number)
         if len(boxes) > 1 and not part.is_file():
             raise FileFormatError(
                 f"{path} lacks its part {part}", remedy=f"keep the folder {part.parent.name} beside the file"
             )
-        yield box, arrays if len(boxes) == 1 else read_checkpoint(part)[0]
+        yield stored, arrays if len(boxes) == 1 else read_checkpoint(part)[0]
 
 
 def facts_of(time_loop: TimeLoop) -> dict[str, Any]:
-    """Return what a checkpoint and the run that resumes from it must have in common."""
-    found, whole = (
-        fingerprint(time_loop.setup, time_loop.parts, time_loop.first_cuts),
-        time_loop.parts.near.lattice.whole,
-    )
+    """What a checkpoint and the run that resumes from it must have in common."""
+    lattice = time_loop.parts.near.lattice.whole
     ends = time_loop.team.gather([end for _, end in time_loop.box])
-    return found | {
-        "box": [max(one[a] for one in ends) for a in range(3)],
-        "whole": list(whole.shape),
-        "corner": whole.lower.tolist(),
+    return fingerprint(time_loop.setup, time_loop.parts, time_loop.first_cuts) | {
+        "box": [max(end[axis] for end in ends) for axis in range(3)],
+        "whole": list(lattice.shape),
+        "corner": lattice.lower.tolist(),
     }
 
 
@@ -116,8 +96,8 @@ def remove_checkpoint(path: Path) -> None:
     """Remove a checkpoint, and its parts if several processes wrote it."""
     path.unlink(missing_ok=True)
     if (folder := folder_of(path)).is_dir():
-        for one in folder.iterdir():
-            one.unlink()
+        for part in folder.iterdir():
+            part.unlink()
         folder.rmdir()
 
 

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.boundaries import ExactEnds
 from farhorizon.engine.engine import Engine
+from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Sides
-from farhorizon.simulation.time.breaking import Breaking
 
 
 def kinetic_energy(near: NearField, grid: Grid) -> float:
@@ -27,36 +26,27 @@ def _kinetic(near: NearField, rate: np.ndarray) -> float:
     return float(near.mass * 0.5 * squares.sum())
 
 
-def present(found: Mapping[str, float]) -> float:
+def present(by_name: Mapping[str, float]) -> float:
     """Return the sum of the energies, given by name, that are present now: kinetic and stored ones."""
-    return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
+    return sum(by_name.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
 
 
-def energies(
-    near: NearField,
-    sides: Sides,
-    grid: Grid,
-    ends: ExactEnds | None,
-    breaking: Breaking | None,
-    work: bool,
-    cold: bool = False,
-    rim_held: bool = False,
-) -> dict[str, float]:
-    """Return the energies by name, see `farhorizon.Simulation.energies`; `work` says whether the work of the sources is
-    recorded. If `cold`, the strain energy is that of the total strains, thermal strains not subtracted. `rim_held` says
-    whether the field outside a body is fixed.
+def energies(parts: Parts, work: bool, cold: bool = False, rim_held: bool = False) -> dict[str, float]:
+    """Return the energies by name, see `farhorizon.Simulation.energies`. `work`: that of the sources is recorded;
+    `cold`: thermal strains are not subtracted; `rim_held`: the field outside a body is fixed.
     """
+    near, grid, breaking = parts.near, parts.grid, parts.breaking
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = near.mass
-    own = {"drag": mass * engine.dragged} if near.model.drag else {}
+    further = {"drag": mass * engine.dragged} if near.model.drag else {}
     if np.any(engine.reaction):
         now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
-        own["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
+        further["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
     if breaking is not None and engine.bonds.forces:
-        return own | {
+        return further | {
             "kinetic": kinetic_energy(near, grid),
             "strain": breaking.strain_energy(cold),
             "work": mass * engine.work,
@@ -64,20 +54,20 @@ def energies(
         }
     engine.complete(engine.current)
     u, old = engine.current.astype(float), engine.older.astype(float)
-    if ends is not None:
-        ends.fill(u, old)
+    if parts.ends is not None:
+        parts.ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
-    strain = _shown(near, grid, _strain(near, sides, grid, u, old, rim_held))
+    strain = _shown(near, grid, _strain(near, parts.layered.sides, grid, u, old, rim_held))
     if engine.tables.heat.thermal_strain.size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
         strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))
-    found = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
+    of_waves = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
     if breaking is not None:
-        own["broken"] = float(mass * engine.bonds.broken[0])
+        further["broken"] = float(mass * engine.bonds.broken[0])
         if breaking.law.contact:
-            found["strain"] += breaking.strain_energy(cold)
-    return found | own | ({"work": mass * engine.work} if work else {})
+            of_waves["strain"] += breaking.strain_energy(cold)
+    return of_waves | further | ({"work": mass * engine.work} if work else {})
 
 
 def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool) -> np.ndarray:
@@ -95,12 +85,12 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     if at_rest or rim_held:  # the other half of the bonds to sides, and to the outside of a body, where u is zero
         inside = near.lattice.existing if rim_held else None
         core = np.ones(engine.core.nodes) if inside is None else grid.grown(inside.astype(float))
-        there = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
-        grid.clear_walls(there)
+        exists = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
+        grid.clear_walls(exists)
         for unit, now in zip(
             np.eye(engine.components), each, strict=True
         ):  # sum_b (L there)_ba u_a old_b: L is symmetric
-            strain -= (now * ago * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
+            strain -= (now * ago * apply(np.multiply.outer(unit, exists).ravel()).reshape(each.shape)).ravel()
     return strain
 
 

@@ -3,75 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.boundaries import ExactEnds
 from farhorizon.engine.bonds import factors_of
-from farhorizon.engine.settings import record_flows
+from farhorizon.engine.settings import FlowBonds, record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
-from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.flux import check_drift
-from farhorizon.simulation.setup.grid import Grid
-from farhorizon.simulation.setup.near_field import NearField
-from farhorizon.simulation.setup.setup import Setup, Sides, side_name
+from farhorizon.simulation.setup.setup import Setup, side_name
 from farhorizon.simulation.time.of_field import Conduction
 from farhorizon.simulation.time.source_table import Batch, SourceTable
-from farhorizon.simulation.time.source_terms import SourceTerm
 
 
 class FlowBalance:
     """Accounts of the flow into the free nodes, those whose values nothing prescribes: one for each condition, one for
     each side that the field flows through, one for the fixed edge of a body, and one for what a reaction consumes.
 
-    Parameters
-    ----------
-    setup : Setup
-    near : NearField
-    sides : dict of (axis, side) to Side
-    grid : Grid
-    phases : SolidAndLiquid or None
-    ends : ExactEnds or None
-    source_table : SourceTable
-    sources : int
-        Number of drives that are sources; conditions follow them.
-    more : sequence of (str, SourceTerm)
-        What depends on the field, which follows the sources and conditions, by name.
-    team : ProcessGroup
-        The processes that compute the run; each counts the flow into the nodes of its box.
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the accounts, the same on all processes.
-    powers : ndarray
-        Amount that each drive has supplied on this process.
-    first : dict of str to float
-        Amounts at the start, summed over all processes.
-
-    Raises
-    ------
-    InputError
-        The equation is not of first order in time.
+    Sources come first in the source table, then conditions, and then what depends on the field. Each process counts the
+    flow into the nodes of its box. Raises InputError unless the equation is of first order in time.
     """
 
-    def __init__(
-        self,
-        setup: Setup,
-        near: NearField,
-        sides: Sides,
-        grid: Grid,
-        phases: SolidAndLiquid | None,
-        ends: ExactEnds | None,
-        source_table: SourceTable,
-        sources: int,
-        team: ProcessGroup = ALONE,
-        more: Sequence[tuple[str, SourceTerm]] = (),
-    ) -> None:
+    def __init__(self, setup: Setup, parts: Parts, source_table: SourceTable, team: ProcessGroup = ALONE) -> None:
+        near, sides = parts.near, parts.layered.sides
         if near.model.order != 1:
             raise InputError(
                 "a balance is recorded for equations of first order in time, and for elasticity",
@@ -80,29 +38,20 @@ class FlowBalance:
                 remedy="leave it out: the energy is recorded without it",
             )
         check_drift(near, "balance")
-        self.near, self.sides, self.grid, self.phases, self.ends, self.source_table = (
-            near,
-            sides,
-            grid,
-            phases,
-            ends,
-            source_table,
-        )
-        self._setup, self._team = setup, team
+        self.near, self.sides, self.grid, self.phases, self.ends = near, sides, parts.grid, parts.phases, parts.ends
+        self.source_table, self._setup, self._team = source_table, setup, team
         outer = [side_name(*key) for key, side in sides.items() if not (side.periodic or side.shared)]
-        every = [name for one in team.gather(outer) for name in one]
-        self._outer = [side_name(*key) for key in sides if side_name(*key) in every]
-        self._owners = [f"source[{i}]" for i in range(sources)]
+        outer_of_all = [name for names in team.gather(outer) for name in names]
+        self._outer = [side_name(*key) for key in sides if side_name(*key) in outer_of_all]
+        self._owners = [f"source[{i}]" for i in range(len(parts.source_terms.sources))]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
-        self._owners += [name for name, _ in more]
-        self._conductions = {
-            name: source_term for name, (_, source_term) in more if isinstance(source_term, Conduction)
-        }
-        self._prescribing = [i for i, one in enumerate(setup.constraints) if isinstance(one, Prescribed)]
+        self._owners += [name for name, _ in parts.of_field]
+        self._conductions = {name: term for name, (_, term) in parts.of_field if isinstance(term, Conduction)}
+        self._prescribing = [i for i, given in enumerate(setup.constraints) if isinstance(given, Prescribed)]
         self._holding = near.prescribed.holding(0)
         self._open()
-        self.powers = np.zeros(len(source_table.source_terms))
-        self.first = team.total(self._amounts())
+        self.powers = np.zeros(len(source_table.source_terms))  # amount that each has supplied on this process
+        self.first = team.total(self._amounts())  # at the start, over all processes
 
     def reopen(self) -> None:
         """Set the accounts up again for the present bonds, after a crack has opened; the sums so far are kept."""
@@ -159,12 +108,19 @@ class FlowBalance:
         self.names, where, self._free = self._places()
         block = engine.core
         flat = block.node_indices()
-        found = []
+        flowing = []
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
-            other = flat + int(offset @ np.array(block.stride))
-            flows = (where[flat] == 0) & (where[other] != 0)
-            found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
-        accounts, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
+            neighbour_places = flat + int(offset @ np.array(block.stride))
+            flows = (where[flat] == 0) & (where[neighbour_places] != 0)
+            flowing.append(
+                (
+                    where[neighbour_places[flows]] - 1,
+                    flat[flows],
+                    neighbour_places[flows],
+                    np.full(int(flows.sum()), weight),
+                )
+            )
+        accounts, nodes, neighbours, weights = (np.concatenate([f[i] for f in flowing]) for i in range(4))
         weights = weights - engine.absent.lost(nodes, neighbours, weights)
         for number, leak in near.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)
@@ -190,9 +146,8 @@ class FlowBalance:
             numbers = np.array([[self.names.index(name)] for name in self.ends.names])
             ends = np.where(where[self.ends.nodes] == 0, numbers, -1)
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        record_flows(
-            engine, accounts[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
-        )
+        bonds = FlowBonds(accounts[kept], nodes[kept], neighbours[kept], weights[kept])
+        record_flows(engine, bonds, effects, len(self.names), ends, layers)
 
     def _amounts(self) -> dict[str, float]:
         """Sums of the field over the free nodes in the box of this process: "stored", and for corrosion "metal" and
@@ -235,7 +190,7 @@ class FlowBalance:
         flows.totals[0] += np.bincount(flows.accounts[along], gains, flows.totals.shape[1])
 
     def sums(self) -> dict[str, float]:
-        """Return the amount that each drive has supplied on this process, by name."""
+        """Return the amount that each source term has supplied on this process, by name."""
         return {f"power/{number}": float(power) for number, power in enumerate(self.powers)}
 
     def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
@@ -244,9 +199,7 @@ class FlowBalance:
         self.first = dict(first)
 
     def balance(self) -> dict[str, float]:
-        """Return what the near field has gained since the start, and from where; see
-        `farhorizon.Simulation.balance`.
-        """
+        """Return what the near field has gained, and from where; see `farhorizon.Simulation.balance`."""
         lattice = self.near.lattice
         unit = lattice.spacing**lattice.dim / self.near.model.source_factor
         flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)

@@ -18,7 +18,7 @@ from farhorizon.inputs.conditions import Flux
 from farhorizon.medium.of_field import OfField
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.grid import Grid
-from farhorizon.simulation.setup.laws import SAMPLES, law_of, of_field, range_of
+from farhorizon.simulation.setup.laws import SAMPLES, law_of, range_of
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup, Sides, keys, side_name
 
@@ -29,24 +29,18 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 def field_source_terms(
     setup: Setup, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup = ALONE
 ) -> list[tuple[str, Any]]:
-    """Return what drives a run that depends on its field: names, and drives that are to be evaluated at each step.
-
-    Raises
-    ------
-    InputError
-        A field or an integrator that does not support it; values that are not finite; a conductivity that is not
-        positive; quantities that are not constant beside sides that absorb.
+    """Return what drives a run that depends on its field, by name, to be evaluated at each step; raises InputError for
+    a field or an integrator that does not support it, values that are not finite, a conductivity that is not positive,
+    and quantities that are not constant beside sides that absorb.
     """
-    if not of_field(setup):
-        return []
     _check(setup, near)
     source_terms: list[tuple[str, Any]] = []
     values = range_of(setup, team.gather)
-    for key, one in zip(keys("source", setup.sources), setup.sources, strict=True):
-        if isinstance(one, OfField):
-            source_terms.append((key, _Source(one, key, near, sides, grid, values, team)))
-    for name, one in setup.model.follows.items():
-        source_terms.append((name, Conduction(one, f"model.{name}", near, sides, grid, team)))
+    for key, quantity in zip(keys("source", setup.sources), setup.sources, strict=True):
+        if isinstance(quantity, OfField):
+            source_terms.append((key, _Source(quantity, key, near, sides, grid, values, team)))
+    for name, quantity in setup.model.follows.items():
+        source_terms.append((name, Conduction(quantity, f"model.{name}", near, sides, grid, team)))
     return [(name, (None, source_term)) for name, source_term in source_terms]
 
 
@@ -69,7 +63,9 @@ def _check(setup: Setup, near: NearField) -> None:
             limit="forward Euler, velocity Verlet",
             remedy='integrator="euler"',
         )
-    fluxes = [one.kind for one in setup.constraints if isinstance(one, Flux) and one.kind != "source"]
+    fluxes = [
+        condition.kind for condition in setup.constraints if isinstance(condition, Flux) and condition.kind != "source"
+    ]
     if model.follows and fluxes:
         raise InputError(
             "beside a conductivity that depends on the field, a flux is a source in the outermost cells",
@@ -81,25 +77,16 @@ def _check(setup: Setup, near: NearField) -> None:
 
 
 class _OfField:
-    """A drive that depends on the field.
+    """A source term that depends on the field."""
 
-    Parameters
-    ----------
-    one : OfField
-    key : str
-    near : NearField
-    sides : dict of (axis, side) to Side
-    grid : Grid
-    """
-
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid) -> None:
+    def __init__(self, quantity: OfField, key: str, near: NearField, sides: Sides, grid: Grid) -> None:
         self._key, self._near, self._grid = key, near, grid
         self._strips = {
             side_name(*at): (_strip(near, *at), side.wanted(near.model.target))
             for at, side in sides.items()
             if side.endless
         }
-        self._law = law_of(one, self._names(near.lattice), key)
+        self._law = law_of(quantity, self._names(near.lattice), key)
 
     def _names(self, lattice: Lattice) -> tuple[str, ...]:
         """Return the names of the arguments of the law."""
@@ -128,34 +115,33 @@ def _strip(near: NearField, axis: int, side: int) -> tuple[Any, ...]:
 
 class _Source(_OfField):
     """A source that depends on the field; called with a time, it returns its present values. On several processes each
-    has those of its nodes, and all fail if one does.
-
-    Parameters
-    ----------
-    one, key, near, sides, grid
-        As for `_OfField`.
-    values : ndarray
-        Values that the field has at the start.
-    team : ProcessGroup
+    has those of its nodes, and all fail if one does. `values` are those that the field has at the start.
     """
 
     def __init__(
-        self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, values: np.ndarray, team: ProcessGroup
+        self,
+        quantity: OfField,
+        key: str,
+        near: NearField,
+        sides: Sides,
+        grid: Grid,
+        values: np.ndarray,
+        team: ProcessGroup,
     ) -> None:
-        super().__init__(one, key, near, sides, grid)
+        super().__init__(quantity, key, near, sides, grid)
         self._team = team
         with team.agreed():
             some = [np.full(near.lattice.shape, value) for value in values[:: SAMPLES // 8]]
-            found = np.array([np.abs(self._values(u, 0.0)) for u in some])
-        largest = team.largest(float(found.max(initial=0)))
+            sizes = np.array([np.abs(self._values(u, 0.0)) for u in some])
+        largest = team.largest(float(sizes.max(initial=0)))
         with team.agreed():
-            self._check_strips(found, largest)
+            self._check_strips(sizes, largest)
 
-    def _check_strips(self, found: np.ndarray, largest: float) -> None:
+    def _check_strips(self, sizes: np.ndarray, largest: float) -> None:
         """Refuse sources, shape (values of the field, ...), beside sides that absorb, unless they are small there."""
         near, key = self._near, self._key
         for name, (strip, target) in self._strips.items():
-            beside = float(found[:, *strip].max(initial=0))
+            beside = float(sizes[:, *strip].max(initial=0))
             if beside > target * largest:
                 raise InputError(
                     f"a source that depends on the field does not vanish beside {name}, which continues without it",
@@ -167,18 +153,18 @@ class _Source(_OfField):
 
     def _values(self, u: np.ndarray, t: float) -> np.ndarray:
         lattice = self._near.lattice
-        found = np.broadcast_to(self._law(u, *lattice.coordinates()), u.shape)
-        found = self._near.inside(found)
-        wrong = ~np.isfinite(found)
+        values = np.broadcast_to(self._law(u, *lattice.coordinates()), u.shape)
+        values = self._near.inside(values)
+        wrong = ~np.isfinite(values)
         if wrong.any():
             raise InputError(
                 "a source that depends on the field is not finite",
-                value=self._at(wrong, found, u, t),
+                value=self._at(wrong, values, u, t),
                 limit="no nan, no inf",
                 key=self._key,
                 remedy="where(condition, a, b) restricts it to where it is defined",
             )
-        return found
+        return values
 
     def __call__(self, t: float) -> np.ndarray:
         with self._team.agreed():
@@ -188,17 +174,14 @@ class _Source(_OfField):
 class Conduction(_OfField):
     """What flows because the conductivity differs from that at the background; called with a time, it returns the
     present power per volume.
-
-    Attributes
-    ----------
-    level : ndarray
-        The level to which the operator was last applied.
     """
 
-    level: np.ndarray
+    level: np.ndarray  # to which the operator was last applied
 
-    def __init__(self, one: OfField, key: str, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup) -> None:
-        super().__init__(one, key, near, sides, grid)
+    def __init__(
+        self, quantity: OfField, key: str, near: NearField, sides: Sides, grid: Grid, team: ProcessGroup
+    ) -> None:
+        super().__init__(quantity, key, near, sides, grid)
         self._team = team
         self._first = float(self._law(np.array(near.background)))
         self._operator: Callable[[np.ndarray], np.ndarray] | None = None
@@ -221,8 +204,8 @@ class Conduction(_OfField):
         with self._team.agreed():
             self._check(u, t, largest)
         changed = engine.current.astype(float)
-        there = changed != 0
-        changed[there] = self._excess(changed[there])
+        changing = changed != 0
+        changed[changing] = self._excess(changed[changing])
         self.level = changed.astype(engine.dtype)
         engine.complete(self.level)
         if self._operator is None or self._tables is not engine.tables:
@@ -235,23 +218,23 @@ class Conduction(_OfField):
         side that absorbs.
         """
         near, name = self._near, self._key.removeprefix("model.")
-        there = np.ones(u.shape, bool) if near.hidden is None else ~near.hidden
-        found = np.broadcast_to(self._law(u), u.shape)
-        wrong = there & ~((found > 0) & np.isfinite(found))
+        exists = np.ones(u.shape, bool) if near.hidden is None else ~near.hidden
+        conductivity = np.broadcast_to(self._law(u), u.shape)
+        wrong = exists & ~((conductivity > 0) & np.isfinite(conductivity))
         if wrong.any():
             raise InputError(
                 f"the {name} has become negative",
-                value=self._at(wrong, found, u, t),
+                value=self._at(wrong, conductivity, u, t),
                 limit="> 0",
                 key=self._key,
                 remedy="a law that stays positive, such as max(..., smallest)",
             )
         most = near.model.strongest * self._first * (near.step_limit / near.dt)
-        wrong = there & (found > most)
+        wrong = exists & (conductivity > most)
         if wrong.any():
             raise InputError(
                 f"the {name} has risen so far that the time step is unstable",
-                value=self._at(wrong, found, u, t),
+                value=self._at(wrong, conductivity, u, t),
                 limit=f"{most:.6g} for dt = {near.dt:.6g}",
                 key=self._key,
                 remedy="a shorter dt",
@@ -259,11 +242,11 @@ class Conduction(_OfField):
         for side, (strip, target) in self._strips.items():
             missed = np.zeros(u.shape)
             missed[strip] = np.abs(self._excess(u[strip] - near.background))
-            wrong = there & (missed > target * largest)
+            wrong = exists & (missed > target * largest)
             if wrong.any():
                 raise InputError(
                     f"the {name} is not constant beside {side}, which continues it as at the background",
-                    value=self._at(wrong, found, u, t),
+                    value=self._at(wrong, conductivity, u, t),
                     limit=f"{self._first:.6g}, up to a difference that counts {target:g} of the largest value",
                     key=self._key,
                     remedy="a larger near field, or a law that is constant near the background",

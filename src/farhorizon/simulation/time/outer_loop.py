@@ -1,4 +1,4 @@
-"""Course of a run in time: to its end, with observers called at intervals, and its warnings."""
+"""Loop of a run to its end, with observers called at intervals, its warnings, and its guard against instability."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ import warnings
 from collections.abc import Callable
 from typing import Any, Protocol
 
+import numpy as np
+
 from farhorizon import kinds
-from farhorizon.errors import InputError, ValidityWarning
+from farhorizon.checks.examined import Examined
+from farhorizon.errors import InputError, UnstableError, ValidityWarning
 from farhorizon.files.results_layout import Caution
 from farhorizon.machine import progress
 from farhorizon.simulation.processes.process_group import ProcessGroup, agreed
 from farhorizon.simulation.time.steps import last_step
 
 MOST_STEPS = 2**53  # step numbers up to this one are exact in double precision
+EXPLODED = 1e6  # largest value over what initial data and source terms explain, above which a run counts as unstable
 
 
 class Clocked(Protocol):
@@ -94,16 +98,14 @@ def run_to_step(
     check_every: int | None = None,
 ) -> bool:
     """Advance to a step; observers are called every `count` steps and at the end. Returns whether `ended`, which is
-    called every `check_every` steps, has ended the run earlier.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        `stop_requested` was set, on any process; the run is between two steps.
+    called every `check_every` steps, has ended the run earlier. Raises KeyboardInterrupt between two steps once
+    `stop_requested` is set, on any process.
     """
     with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:
-            due = [(run.step_count // every + 1) * every for every in (count, check_every) if every is not None]
+            due = [
+                (run.step_count // interval + 1) * interval for interval in (count, check_every) if interval is not None
+            ]
             stop = min([last, *due])
             while run.step_count < stop:
                 before = run.step_count
@@ -126,3 +128,43 @@ def run_to_step(
 def _interrupt(team: ProcessGroup) -> KeyboardInterrupt:
     """Return the error by which all processes end a run, and of which the first one tells."""
     return agreed(KeyboardInterrupt(), told=team.number > 0)
+
+
+def refuse_explosion(
+    values: np.ndarray,
+    first: np.ndarray,
+    spacing: float,
+    scale: float,
+    step: int,
+    time: float,
+    cause: Callable[[], str],
+) -> None:
+    """Raise an UnstableError that names step, time, place and likely cause for a field, shape (..., n..), that is not
+    finite, or has grown far beyond `scale`, the largest value that data and source terms explain.
+    """
+    top, low = float(values.max()), float(values.min())
+    if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:
+        return
+    worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))), values.shape)
+    place = first + spacing * np.array(worst[-first.size :])
+    raise UnstableError(
+        f"unstable at step {step}, t = {time:.6g}: u = {values[worst]:.3g} near {np.round(place, 6).tolist()}; "
+        f"likely cause: {cause()}"
+    )
+
+
+def likely_cause(run: Examined) -> str:
+    """Return the likely cause, in words, of the instability of a run."""
+    if run.closure is not None:
+        names = ", ".join(sorted({type(b).__name__ for b in run.sides.values() if b.closing}))
+        return (
+            f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check "
+            "--tune`, or LatticePML"
+        )
+    backward = run.stencil.backward_waves()
+    if backward and run.engine.layers:
+        return (
+            "the stencil has backward waves, which grow in layers that do not damp them (up to "
+            f"{backward.growth:.2g} sigma)"
+        )
+    return "check dt, sources and coefficient"

@@ -10,8 +10,11 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from farhorizon import __version__, kinds
 from farhorizon.analysis.layers.thickness import largest_error
@@ -21,11 +24,11 @@ from farhorizon.files.provenance import computed_with
 from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
+from farhorizon.inputs.cracks import as_crack
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.recorders.quantities import fields_of
 from farhorizon.simulation.recorders.recorder import Recorder
 from farhorizon.simulation.setup.regions import regions_of
-from farhorizon.simulation.time.outlines import outlines_of
 
 _FOLLOWS = ("v", "solid")  # follow from other fields, and are as large
 
@@ -33,27 +36,18 @@ _FOLLOWS = ("v", "solid")  # follow from other fields, and are as large
 class RunResults:
     """A run and the results file that it writes.
 
-    Parameters
-    ----------
-    run : Run
-    path : Path
-    writer : ResultsWriter or None
-        Writer of the file; on several processes only the first one has it.
-    part : ResultsWriter or None
-        Writer of the part of this process, if there are several.
-
     Attributes
     ----------
-    path, writer
-        As given.
+    writer : ResultsWriter or None
+        Writer of the file; on several processes only the first one has it.
     own : ResultsWriter
-        Writer of the fields of this process.
+        Writer of the fields of this process: of its part, if there are several.
     """
 
     def __init__(self, run: Any, path: Path, writer: ResultsWriter | None, part: ResultsWriter | None = None) -> None:
-        own = writer if part is None else part
-        assert own is not None
-        self._run, self.path, self.writer, self.own = run, path, writer, own
+        fields = writer if part is None else part
+        assert fields is not None
+        self._run, self.path, self.writer, self.own = run, path, writer, fields
 
     @classmethod
     def begin(
@@ -71,34 +65,17 @@ class RunResults:
     ) -> RunResults:
         """Create an empty file, replacing earlier results.
 
-        Parameters
-        ----------
-        run : Run
-        path : str or Path
-        fields : sequence of str, optional
-            Names of fields; unless given, all but velocities and the metal, which follow from the other fields.
-            "stress" in elastic media stands for its components and the von Mises stress.
-        dtype : {"float32", "float64"}, optional
-            That of the run, unless given.
-        case, units, compress
-            As for `ResultsWriter.create`.
-        command : mapping of str to str, optional
-            Provenance of the run, in addition to versions and machine.
-        materials : Regions, optional
-            Names of the materials.
-
-        Raises
-        ------
-        InputError
-            There is no such field or folder, or another file is in the way.
+        Its fields are, unless named, all but velocities and the metal, which follow from the others; "stress" in
+        elastic media stands for its components and the von Mises stress. The type is that of the run unless given;
+        `command` is provenance in addition to versions and machine, the rest as for `ResultsWriter.create`.
         """
         team, lattice, path = run.team, run.lattice, kinds.path(path, "path")
         team.alike({"path": path, "fields": fields})
         if fields is None:
             held = {name: values for name, values in run.fields.items() if name not in _FOLLOWS}
         else:
-            wanted = kinds.sequence(fields, "fields", "names of fields")
-            held = fields_of(run, [kinds.text(name, "fields") for name in wanted])
+            names = kinds.sequence(fields, "fields", "names of fields")
+            held = fields_of(run, [kinds.text(name, "fields") for name in names])
         shown = {"u": run.fields["u"], **held}  # probes record u, whether it is written or not
         alike: dict[str, Any] = {
             "spacing": lattice.spacing,
@@ -141,15 +118,8 @@ class RunResults:
 
     @classmethod
     def resume(cls, run: Any, path: Path, outputs: int, *kept: Any) -> RunResults:
-        """Continue a file after its first `outputs` outputs; if its parts belong to other boxes, it is divided again.
-
-        Parameters
-        ----------
-        run : Run
-        path : Path
-        outputs : int
-        *kept
-            What else to keep, as for `ResultsWriter.resume`.
+        """Continue a file after its first outputs, keeping what else `ResultsWriter.resume` is told; if its parts
+        belong to other boxes, it is divided again.
         """
         team, part = run.team, None
         _cut_anew(run, path, outputs)
@@ -168,17 +138,17 @@ class RunResults:
     @property
     def growing(self) -> list[Recorder]:
         """Recorders that have data before the run has ended."""
-        return [one for one in self._run.recorders if one.recorded.data or one.recorded.spectra]
+        return [recorder for recorder in self._run.recorders if recorder.recorded.data or recorder.recorded.spectra]
 
     def append(self) -> None:
         """Append the present fields, unless this step has already been written."""
-        run, own = self._run, self.own
-        if own.last_step == run.step_count:
+        run, writer = self._run, self.own
+        if writer.last_step == run.step_count:
             return
-        held, energy = fields_of(run, own.fields), run.energy()
+        held, energy = fields_of(run, writer.fields), run.energy()
         if run.team:
             with run.team.agreed():
-                own.append(run.step_count, run.time, held)
+                writer.append(run.step_count, run.time, held)
             held = {}
         balance = run.balance() if run.given.get("balance") else None
         self._write(ResultsWriter.append, run.step_count, run.time, held, energy, balance, run.cautions)
@@ -213,19 +183,10 @@ class RunResults:
 
 
 @contextmanager
-def written(run: Any, output: Any) -> Iterator[RunResults | None]:
-    """Write outputs within the context: at the start, whenever the run calls its observers, and at the end, even after
-    an error, what was recorded. A file that this run itself has begun is continued.
-
-    Parameters
-    ----------
-    run : Run
-    output : str or Path, or None
-        The file; nothing is written if it is None.
+def written(run: Any, output: str | Path) -> Iterator[RunResults]:
+    """Write outputs to a file within the context: at the start, whenever the run calls its observers, and at the end,
+    even after an error, what was recorded. A file that this run itself has begun is continued.
     """
-    if output is None:
-        yield None
-        return
     path = kinds.path(output, "run.output")
     made = run.output
     if made is not None and made.path == path:
@@ -250,16 +211,16 @@ def written(run: Any, output: Any) -> Iterator[RunResults | None]:
 
 
 def _box_of(run: Any) -> list[tuple[int, int]]:
-    """Return the nodes of this process along each axis: the first one and the last + 1."""
+    """Nodes of this process along each axis: the first one and the last + 1."""
     return [(first, first + n) for first, n in zip(run.lattice.first, run.lattice.shape, strict=True)]
 
 
 def _cut_anew(run: Any, path: Path, outputs: int) -> None:
     """Divide the parts of a results file anew for the processes that continue it."""
-    team, own = run.team, _box_of(run)
+    team, box = run.team, _box_of(run)
     with team.agreed():
         held = open_results(path, verify=False)
-    boxes = team.gather(own) if team else []
+    boxes = team.gather(box) if team else []
     if held.boxes == boxes:
         return
     if not team:
@@ -269,7 +230,7 @@ def _cut_anew(run: Any, path: Path, outputs: int) -> None:
     folder = path.with_name(f".{path.name}.cut")
     team.by_first(lambda: folder.mkdir(exist_ok=True))
     with team.agreed():
-        held.cut(folder / part_path(path, team.number).name, own, outputs)
+        held.cut(folder / part_path(path, team.number).name, box, outputs)
     team.by_first(lambda: held.take_parts(boxes, folder))
 
 
@@ -289,3 +250,35 @@ def _check_seen(team: ProcessGroup, path: Path) -> None:
     finally:
         if team.number == 0:
             mark.unlink()
+
+
+def outlines_of(run: Any) -> dict[str, list[np.ndarray]]:
+    """Polylines of a run by name, each of shape (n, dim), on several processes of the whole lattice: "cracks" as given
+    (in space their rims, on a line points), the edges of the "near field", and those of everything that is computed,
+    "layers", if that extends beyond it.
+    """
+    lattice = run.lattice.whole
+    lower, upper = np.array(lattice.lower), np.array(lattice.upper)
+    cuts = [as_crack(crack, lattice.dim).cut for crack in run.given["cracks"]]
+    outlines = {"cracks": [line for cut in cuts if len(line := cut.outline())], "near field": edges(lower, upper)}
+    if any(run.beyond.values()):
+        ends = (lower.copy(), upper.copy())
+        for (axis, side), nodes in run.beyond.items():
+            ends[side > 0][axis] += side * nodes * lattice.spacing
+        outlines["layers"] = edges(*ends)
+    return {name: lines for name, lines in outlines.items() if lines}
+
+
+def edges(lower: np.ndarray, upper: np.ndarray) -> list[np.ndarray]:
+    """Edges of a box: its two ends on a line, a closed polyline in the plane, twelve edges in space."""
+    dim = len(lower)
+    if dim == 1:
+        return [lower[None], upper[None]]
+    if dim == 2:
+        (x, y), (right, top) = lower, upper
+        return [np.array([(x, y), (right, y), (right, top), (x, top), (x, y)])]
+    lines = []
+    for axis, corner in product(range(dim), product((0, 1), repeat=dim - 1)):
+        start = np.where(np.insert(np.array(corner), axis, 0), upper, lower)
+        lines.append(np.array([start, np.where(np.arange(dim) == axis, upper, start)]))
+    return lines

@@ -21,41 +21,17 @@ _LARGEST_POWER = 700.0  # of e that is a finite number
 
 @dataclass(frozen=True)
 class Batch:
-    """Steps that the engine has made, and the action of the sources in them.
-
-    Attributes
-    ----------
-    steps : int
-    places : ndarray of int, shape (n,)
-        Flat indices in the field at which sources act.
-    fields : ndarray, shape (j, n)
-    amplitudes : ndarray, shape (steps, stages, j)
-    """
+    """Steps that the engine has made, and the action of the sources in them."""
 
     steps: int
-    places: np.ndarray
-    fields: np.ndarray
-    amplitudes: np.ndarray
+    places: np.ndarray  # of int, shape (n,); flat indices in the field at which sources act
+    fields: np.ndarray  # shape (j, n)
+    amplitudes: np.ndarray  # shape (steps, stages, j)
 
 
 class SourceTable:
-    """The drives of a run.
-
-    Parameters
-    ----------
-    near : NearField
-    grid : Grid
-    source_terms : sequence of SourceTerm
-        Sources, loads, conditions and incident waves.
-    phases : SolidAndLiquid or None
-        Phases of a corrosion: no source may act on metal.
-    scale : float
-        Largest value that the initial data explain.
-
-    Attributes
-    ----------
-    scale : float
-        Largest value that the initial data and all that has driven the run so far explain.
+    """The source terms of a run: sources, loads, conditions and incident waves. No source may act on the metal of
+    `phases`.
     """
 
     def __init__(
@@ -66,7 +42,8 @@ class SourceTable:
         phases: SolidAndLiquid | None,
         scale: float,
     ) -> None:
-        self.near, self.grid, self.source_terms, self.phases, self.scale = near, grid, list(source_terms), phases, scale
+        self.near, self.grid, self.source_terms, self.phases = near, grid, list(source_terms), phases
+        self.scale = scale  # largest value that the initial data and all that has driven the run so far explain
         self._nodes = grid.indices if self.source_terms else np.zeros(0, np.int64)
         self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
 
@@ -107,7 +84,7 @@ class SourceTable:
         weights = weights * near.model.source_factor
         general = any(space is None for space, _ in self.source_terms + held.source_terms)
         count = len(self.source_terms + held.source_terms)
-        every = np.arange(held.nodes.size)
+        all_held = np.arange(held.nodes.size)
         batch = 1 if general else max(1, min(steps, _TABLE // max(stages * count, 1)))
         end = step + steps
         while step < end:
@@ -118,7 +95,7 @@ class SourceTable:
                 busy = np.zeros(near.lattice.shape, bool)
                 busy.ravel()[places] = True
                 self.phases.refuse_wet(busy)
-            values = _rows(self._fields(held.source_terms, held.nodes.shape, step, prescribed_samples), every)
+            values = _rows(self._fields(held.source_terms, held.nodes.shape, step, prescribed_samples), all_held)
             times = self._amplitudes(held.source_terms, step, prescribed_samples, held_weights, n)
             engine.advance(
                 n,
@@ -150,9 +127,7 @@ class SourceTable:
 
     def _strengths(self, step: int, samples: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Return where in the field sources act in the next steps, shape (n,), and the strength of each there, shape
-        (j, n).
-
-        Sources that split into space and time stay where they are and are evaluated once.
+        (j, n). Sources that split into space and time stay where they are and are evaluated once.
         """
         if self._lasting is not None:
             return self._lasting
@@ -161,24 +136,24 @@ class SourceTable:
         for values in fields:
             busy |= values != 0
         places = np.flatnonzero(busy)
-        found = places, _rows(fields, places)
+        strengths = places, _rows(fields, places)
         if all(space is not None for space, _ in self.source_terms):
-            self._lasting = found
-        return found
+            self._lasting = strengths
+        return strengths
 
     def _fields(
         self, source_terms: Sequence[SourceTerm], shape: tuple[int, ...], step: int, samples: Sequence[float]
     ) -> list[np.ndarray]:
-        """Return the fields of drives over nodes: one for each drive that splits into space and time, otherwise one for
+        """Return the fields of source terms over nodes: one for each that splits into space and time, otherwise one for
         each sample time of the next step.
         """
-        start, found = self.near.dt * step, []
+        start, fields = self.near.dt * step, []
         for space, time in source_terms:
             if space is None:
-                found += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
+                fields += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
             else:
-                found.append(np.asarray(space, float).ravel())
-        return found
+                fields.append(np.asarray(space, float).ravel())
+        return fields
 
     def _amplitudes(
         self, source_terms: Sequence[SourceTerm], step: int, samples: Sequence[float], weights: np.ndarray, count: int

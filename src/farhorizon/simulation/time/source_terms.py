@@ -41,33 +41,19 @@ SourceTerm = tuple[np.ndarray | None, Callable[..., Any]]
 
 @dataclass(frozen=True)
 class SourceTerms:
-    """Sources and loads of a run.
+    """Sources and loads of a run."""
 
-    Attributes
-    ----------
-    sources : list of SourceTerm
-        (space, time) of each source, for vector fields of each of its components, as from
-        `farhorizon.inputs.sources.split`.
-    unsplit : list of callable
-        Sources that do not split into space and time, as functions of the coordinates and t.
-    """
-
+    # (space, time) of each source, for vector fields of each of its components, as from
+    # `farhorizon.inputs.sources.split`
     sources: list[SourceTerm]
+    # sources that do not split into space and time, as functions of the coordinates and t
     unsplit: list[Callable[..., Any]]
 
 
 class SourceChecks:
-    """Checks over the length of a run: of sources that do not split into space and time, beyond the absorbing sides;
-    and of factors of time, between steps.
-
-    Parameters
-    ----------
-    sources : sequence of callable
-        Functions of the coordinates and t.
-    exterior : Exterior
-    dt : float
-    time_histories : sequence of (str, callable)
-        Factors of time by name, as from `time_histories`, which the steps have to resolve.
+    """Checks over the length of a run: of sources that do not split into space and time, functions of the coordinates
+    and t, beyond the absorbing sides; and of the factors of time in `time_histories`, by name, which the steps have to
+    resolve.
     """
 
     def __init__(
@@ -85,12 +71,7 @@ class SourceChecks:
     def check(self, until: float) -> None:
         """Evaluate sources at up to 64 equidistant times, and factors of time between steps, from the time that has
         been checked before to a new one. For each factor that changes within a step, issue a `ValidityWarning` and a
-        note, once.
-
-        Raises
-        ------
-        InputError
-            The near field would miss more of a source than the side's target.
+        note, once. Raises InputError if the near field would miss more of a source than the side's target.
         """
         if until > self._looked:
             for course in self._courses:
@@ -104,13 +85,7 @@ class SourceChecks:
 
 
 class _FactorOfTime:
-    """A factor of time, and what samples between steps have shown of it.
-
-    Parameters
-    ----------
-    key : str
-    time : callable
-    """
+    """A factor of time, and what samples between steps have shown of it."""
 
     def __init__(self, key: str, time: Callable[[float], float]) -> None:
         self._key, self._time, self._over = key, time, False
@@ -159,7 +134,7 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
     loads = [
         (f"load[{i}]", _of_load(load, setup, near, sides, f"load[{i}]"))
         for i, load in enumerate(setup.loads)
-        if not isinstance(load, ThermalLoad)  # no force: see `farhorizon.simulation.heat.heating`
+        if not isinstance(load, ThermalLoad)  # no force: see `farhorizon.simulation.heat.thermal_strains`
     ]
     return sources + loads
 
@@ -177,10 +152,10 @@ def signals(setup: Setup) -> list[tuple[str, Signal]]:
     named = [("source", _plain(setup)), ("incident", waves), ("load", setup.loads), ("constraint", setup.constraints)]
     timed = [
         (f"{key}.{name}", part)
-        for kind, given in named
-        for key, one in zip(keys(kind, given), given, strict=True)
+        for table, given in named
+        for key, source in zip(keys(table, given), given, strict=True)
         for name in ("time", "signal", "value", "velocity")
-        for part in _entries(getattr(one, name, None))
+        for part in _entries(getattr(source, name, None))
     ]
     return [(key, time) for key, time in timed if isinstance(time, Signal)]
 
@@ -191,13 +166,8 @@ def _entries(given: Any) -> list[Any]:
 
 
 def check_signals(setup: Setup, near: NearField) -> None:
-    """Refuse signals with frequencies that the lattice does not carry, and signals that begin with a jump.
-
-    Raises
-    ------
-    InputError
-        Half of the amplitude of a signal lies above the highest frequency of the lattice; the factor of time of a local
-        source varies, but does not begin at rest.
+    """Raise InputError for a signal with half of its amplitude above the highest frequency of the lattice, and for the
+    factor of time of a local source that varies, but does not begin at rest.
     """
     if near.model.order == 1:
         return
@@ -258,10 +228,8 @@ def jump_of(time: Callable[[float], Any], dt: float, key: str) -> float:
 
 def jumps(setup: Setup, near: NearField) -> list[str]:
     """Return notes on sources and loads other than local ones that begin with a jump and keep changing; none for
-    diffusion.
-
-    They are not refused: a point emits waves of all lengths, the shortest of which a jump in time makes large, but a
-    shape emits none that are shorter than itself.
+    diffusion. They are not refused: a point emits waves of all lengths, the shortest of which a jump in time makes
+    large, but a shape emits none that are shorter than itself.
     """
     if near.model.order == 1:
         return []
@@ -322,8 +290,8 @@ def _of_load(load: Any, setup: Setup, near: NearField, sides: Sides, key: str) -
         value = pressing_force(load, lattice, near.model, setup.cracks, setup.rim, periodic, key)
     else:
         value = list(load.value)
-    found: Source = as_source(Source(value, load.time or steady), lattice.dim, f"{key}.value")
-    return found
+    source: Source = as_source(Source(value, load.time or steady), lattice.dim, f"{key}.value")
+    return source
 
 
 def ends_of(sides: Sides) -> dict[Key, bool]:
@@ -334,58 +302,27 @@ def ends_of(sides: Sides) -> dict[Key, bool]:
 def incident_waves(
     setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut], team: ProcessGroup = ALONE
 ) -> list[Arriving]:
-    """Return the incident waves, each with its box and the medium outside it.
-
-    Parameters
-    ----------
-    setup : Setup
-    near : NearField
-        Near field of this process.
-    sides : dict of (axis, side) to Side
-        Sides of the whole.
-    cuts : sequence of Cut
-    team : ProcessGroup
-        The processes, each with its part of the near field.
-
-    Raises
-    ------
-    InputError
-        An unsuitable box, a medium in which no such wave travels, or one that scatters outside the box.
+    """Return the incident waves, each with its box and the medium outside it; `sides` are those of the whole. Raises
+    InputError for an unsuitable box, a medium in which no such wave travels, or one that scatters outside the box.
     """
     ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
-    whole, reach = setup.lattice.whole, near.stencil.reach
-    return [_arriving(wave.resolved(whole, reach, ends), near, ends, cuts, team) for wave in waves]
+    whole_lattice, reach = setup.lattice.whole, near.stencil.reach
+    return [_arriving(wave.resolved(whole_lattice, reach, ends), near, ends, cuts, team) for wave in waves]
 
 
 class Arriving(NamedTuple):
-    """An incident wave on its way to a near field.
+    """An incident wave on its way to a near field."""
 
-    Attributes
-    ----------
-    wave : Incident
-        The wave with its box.
-    factor : float
-        Factor on the bonds outside the box.
-    free : list of (axis, side)
-        Free sides.
-    known : list of (axis, side)
-        The free sides on which the box stands.
-    """
-
-    wave: Incident
-    factor: float
-    free: list[Key]
-    known: list[Key]
+    wave: Incident  # the wave with its box
+    factor: float  # factor on the bonds outside the box
+    free: list[Key]  # free sides
+    known: list[Key]  # the free sides on which the box stands
 
 
 def split_source_terms(sources: Sequence[tuple[str, Any]], near: NearField, exterior: Exterior) -> SourceTerms:
-    """Return sources as functions of space times functions of time if they split.
-
-    Raises
-    ------
-    InputError
-        The near field would miss a part of a source.
+    """Return sources as functions of space times functions of time if they split; raises InputError if the near field
+    would miss a part of a source.
     """
     source_terms = SourceTerms([], [])
     for key, source in sources:
@@ -399,13 +336,13 @@ def _split_part(
 ) -> SourceTerm:
     """Split one part of a source, to be multiplied with `unit`; the part is a scalar if that is a unit vector."""
     space, time = space_and_time(source)
-    whole = np.ndim(unit) == 0
-    values, moment = split(source, near.lattice, near.stencil.components if whole else 1)
+    as_given = np.ndim(unit) == 0
+    values, moment = split(source, near.lattice, near.stencil.components if as_given else 1)
     if space is None or values is None:
         unsplit.append(near.function(time))
         return None, lambda t: unit * moment(t)
     if isinstance(space, np.ndarray):
-        exterior.check_values(near.size(values) if whole else values, key)
+        exterior.check_values(near.size(values) if as_given else values, key)
     else:
         peak = float(np.abs(values if near.closed is None else values[near.closed]).max(initial=0))
         exterior.check_function(near.function(space), peak, key, missed="source value")
@@ -414,17 +351,13 @@ def _split_part(
 
 def incident_wave_notes(incident: Sequence[Incidence], until: float) -> list[str]:
     """Return notes on incident waves in a run to a time; issue a `ValidityWarning`, once, for what makes them doubtful.
-
-    Raises
-    ------
-    InputError
-        A wave that is not known for so long.
+    Raises InputError for a wave that is not known for so long.
     """
     notes = []
-    for one in incident:
-        told = one.passage.doubts
-        notes += one.passage.foresee(until)
-        for text in one.passage.doubts:
+    for wave in incident:
+        told = wave.passage.doubts
+        notes += wave.passage.foresee(until)
+        for text in wave.passage.doubts:
             if text not in told:
                 warn(text)
     return notes
@@ -457,13 +390,15 @@ def _arriving(
     return Arriving(wave, factor, free, known)
 
 
-def incidence(one: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
+def incidence(arriving: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
     """Return the incidence that joins the total field inside a wave's box to the scattered one outside; appends to
     `notes`.
     """
-    walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in one.known)]
+    walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in arriving.known)]
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not account for them")
-    found = Incidence(one.wave, near.lattice, scheme_of(near, one.factor), one.free, near.states)
-    notes += found.passage.notes
-    return found
+    incidence_on_lattice = Incidence(
+        arriving.wave, near.lattice, scheme_of(near, arriving.factor), arriving.free, near.states
+    )
+    notes += incidence_on_lattice.passage.notes
+    return incidence_on_lattice

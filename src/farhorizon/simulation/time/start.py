@@ -22,40 +22,30 @@ from farhorizon.simulation.setup.setup import Setup, Sides
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Initial data of a run.
+    """Initial data of a run."""
 
-    Attributes
-    ----------
-    u, v : ndarray
-        Values less the background, and velocities; of the field's shape.
-    solid : ndarray of bool
-        The metal of a corrosion, of the lattice's shape.
-    """
-
-    u: np.ndarray
-    v: np.ndarray
-    solid: np.ndarray
+    u: np.ndarray  # values less the background, of the field's shape
+    v: np.ndarray  # velocities
+    solid: np.ndarray  # of bool; the metal of a corrosion, of the lattice's shape
 
 
 def start_of(setup: Setup, near: NearField, sides: Sides, exterior: Exterior) -> Start:
-    """Return the initial data of a set-up.
-
-    Raises
-    ------
-    InputError
-        Initial values extend beyond the near field into the surrounding medium; an unknown field.
+    """Return the initial data of a set-up; raises InputError for values that extend beyond the near field into the
+    surrounding medium, and an unknown field.
     """
     model, initial = near.model, setup.initial or {}
-    exterior = exterior.but_for(
-        key for key, side in sides.items() if side.derivatives
-    )  # data continue beyond these sides
+    if continuing := [key for key, side in sides.items() if side.derivatives]:
+        exterior = exterior.but_for(continuing)
     u = _initial("u", setup, near, exterior)
     known = ("u", "v") if model.order == 2 else ("u",)
     moving = "v" in initial and model.order == 2
     v = _initial("v", setup, near, exterior) if moving else np.broadcast_to(0.0, near.field_shape)
     for name in set(map(str, initial)) - set(known):
         raise InputError("unknown initial field", value=name, limit=", ".join(known), key="initial")
-    u = near.prescribed.start(u)
+    if near.prescribed.constraints:
+        u = near.prescribed.start(u)
+    if model.dissolution is None:
+        return Start(u, v, np.zeros(near.lattice.shape, bool))
     solid, metal = placed(setup, sides)
     for number, specimen in enumerate(setup.specimens):
         if isinstance(specimen.where, Shape):
@@ -72,14 +62,14 @@ def check_range(start: Start, dtype: str, team: ProcessGroup) -> None:
         check_size(values, f"initial.{name}", dtype, team.largest)
 
 
-def drifting(near: NearField, sides: Sides, dtype: str) -> list[str]:
+def drifting(near: NearField, sides: Sides) -> list[str]:
     """Return a note on a body in single precision that nothing fixes: a step sums values, so rounding is proportional
     to values rather than differences. It acts like weak springs to zero, of either sign, whose effect grows with the
     square of the number of steps.
     """
     loose = all(side.periodic or side.image > 0 for side in sides.values())
     held = near.busy.any() or np.any(near.stencil.reaction) or not loose
-    if dtype != "float32" or near.model.order == 1 or held:
+    if near.model.order == 1 or held:
         return []
     return [
         "in single precision rounding pushes a body that nothing fixes: in trials its motion as a whole was off by 0.1 "
@@ -87,11 +77,11 @@ def drifting(near: NearField, sides: Sides, dtype: str) -> list[str]:
     ]
 
 
-def own_step(setup: Setup, near: NearField, scatters: bool) -> list[str]:
+def own_step(setup: Setup, near: NearField) -> list[str]:
     """Return a note on the automatic step of a run of waves in which something scatters, and from which that without it
     may be subtracted.
     """
-    if near.model.order == 1 or not (scatters and (setup.dt is None or callable(setup.dt))):
+    if near.model.order == 1 or not (setup.dt is None or callable(setup.dt)):
         return []
     return [
         f"dt = {float(near.dt)!r} was chosen for this medium: where the field of another run, such as that without the "
@@ -102,7 +92,7 @@ def own_step(setup: Setup, near: NearField, scatters: bool) -> list[str]:
 
 def with_incident_waves(start: Start, incident: Sequence[Incidence]) -> Start:
     """Return the initial data, including those of incident waves that are already in their boxes."""
-    parts = [one.initial() for one in incident if not one.passage.rests]
+    parts = [wave.initial() for wave in incident if not wave.passage.rests]
     return (
         replace(start, u=start.u + sum(u for u, _ in parts), v=start.v + sum(v for _, v in parts)) if parts else start
     )
@@ -113,17 +103,17 @@ def _initial(name: str, setup: Setup, near: NearField, exterior: Exterior) -> np
     initial = setup.initial or {}
     level = near.background if name == "u" else 0.0
     value, key = initial.get(name, level), f"initial.{name}"
-    whole = value if name in initial else np.full(near.field_shape, level)
-    given = field(whole, near.lattice, near.stencil.components, key) - level
+    complete = value if name in initial else np.full(near.field_shape, level)
+    given = field(complete, near.lattice, near.stencil.components, key) - level
     values = near.inside(given)
     entries = value if isinstance(value, list | tuple) else [value]
     known = [isinstance(entry, np.ndarray) for entry in entries]  # arrays are known on the lattice alone
     if any(known):
         seen = given if near.closed is not None else values
         exterior.check_values(near.size(seen if all(known) else seen[known]), key)
-    if name in initial and not all(known):
+    if name in initial and not all(known) and exterior.examines:
         if any(known):
-            value = [level if there else entry for entry, there in zip(entries, known, strict=True)]
+            value = [level if is_known else entry for entry, is_known in zip(entries, known, strict=True)]
         peak = float(np.abs(values).max(initial=0))
         exterior.check_function(near.function(value), peak, key, level, "initial value")
     return values
@@ -148,21 +138,12 @@ def continued(name: str, setup: Setup, near: NearField, sides: Sides, grid: Grid
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Time levels of an equation of second order at the start of a run and at the release of nodes.
-
-    Attributes
-    ----------
-    near : NearField
-    grid : Grid
-    ends : ExactEnds or None
-    force : callable
-        Returns the action of the sources at a time, in the shape of the field.
-    """
+    """Time levels of an equation of second order at the start of a run and at the release of nodes."""
 
     near: NearField
     grid: Grid
     ends: ExactEnds | None
-    force: Callable[[float], np.ndarray]
+    force: Callable[[float], np.ndarray]  # returns the action of the sources at a time, in the shape of the field
 
     def acceleration(self, time: float) -> np.ndarray:
         """Return the acceleration of the present state by the medium, exact ends and sources, as a level."""

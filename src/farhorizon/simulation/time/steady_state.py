@@ -15,7 +15,7 @@ from farhorizon.simulation.time.outer_loop import check_ahead, checked_end
 from farhorizon.simulation.time.steps import last_step
 
 STATIC = "static"
-TOLERANCE = 1e-3
+TOLERANCE = 1e-3  # unless given: velocities a thousandth of the largest ones
 _PATIENCE = 100  # number of windows to the latest end, unless it is given
 _LOOKS = 16  # checks per window
 
@@ -63,47 +63,23 @@ class SteadyState:
     to cross the near field. Diffusion has no such time, because it comes to rest as a power of time: instead, at its
     present rate, the field would change by less than the tolerance times its largest difference from the background, in
     a time as long as has passed since the loads became constant.
-
-    Attributes
-    ----------
-    tolerance : float
-    limit : float
-        The latest end.
-    settled : float
-        Time from which on nothing that drives the run changes by more than the tolerance times its largest value.
-    window, pace : int
-        Number of steps for which a run has to be quiet, and from one check to the next.
-    quiet : int or None
-        Step since which the run has been quiet.
-    checked : int or None
-        Step at which this was checked last.
     """
 
     tolerance: float
-    limit: float
+    limit: float  # the latest end
+    # time from which on nothing that drives the run changes by more than the tolerance times its largest value
     settled: float
-    window: int
-    pace: int
-    quiet: int | None = None
-    checked: int | None = None
+    window: int  # number of steps for which a run has to be quiet
+    pace: int  # number of steps from one check to the next
+    quiet: int | None = None  # step since which the run has been quiet
+    checked: int | None = None  # step at which this was checked last
 
     @classmethod
     def of(cls, run: Running, tolerance: float | None, limit: float | None) -> SteadyState:
         """Return the criterion for a run, from its present state on. It continues the one by which the run has been
-        judged so far, also before a checkpoint, if it is the same.
-
-        Parameters
-        ----------
-        run : Running
-        tolerance : float, optional
-            1e-3 unless given.
-        limit : float, optional
-            A hundred times the time that the slowest wave takes to cross the near field unless given.
-
-        Raises
-        ------
-        InputError
-            The loads still change near the latest end.
+        judged so far, also before a checkpoint, if it is the same. The tolerance is 1e-3, and the limit a hundred times
+        the time that the slowest wave takes to cross the near field, unless given. Raises InputError if the loads still
+        change near the latest end.
         """
         tolerance = TOLERANCE if tolerance is None else kinds.number(tolerance, "run.tolerance", above=0, below=1)
         window = run.resting.slow_crossing
@@ -128,8 +104,8 @@ class SteadyState:
                 remedy="loads that stay or end, a later limit, or a time",
             )
         made = cls(tolerance, limit, settled, steps, steps // _LOOKS)
-        same = before is not None and (before.tolerance, before.settled) == (tolerance, settled)
-        if before is not None and same and run.step_count - (before.checked or 0) <= made.pace:
+        unchanged = before is not None and (before.tolerance, before.settled) == (tolerance, settled)
+        if before is not None and unchanged and run.step_count - (before.checked or 0) <= made.pace:
             made.quiet, made.checked = before.quiet, before.checked
         return made
 
@@ -190,12 +166,8 @@ def _last_change(run: SteadyStateQuantities, times: np.ndarray, tolerance: float
 def steady_state_criterion(
     run: Running, until: Any, tolerance: float | None, limit: float | None
 ) -> SteadyState | None:
-    """Return the criterion of a run to its static state; None for a run to a time.
-
-    Raises
-    ------
-    InputError
-        An end that is another text, a tolerance or limit for a run to a time, loads that change near the limit.
+    """Return the criterion of a run to its static state; None for a run to a time. Raises InputError for an end that is
+    another text, a tolerance or limit for a run to a time, and loads that change near the limit.
     """
     if isinstance(until, str):
         kinds.one_of(until, "run.until", (STATIC,), "neither a time nor a state")

@@ -79,19 +79,19 @@ class WholeSteps:
         InputError
             No such step divides all of the intervals, or the step is so short that its steps cannot be counted.
         """
-        found = self._largest(most)
-        if found is not None:
-            return found
+        step = self._largest(most)
+        if step is not None:
+            return step
         name, shortest = min(self.intervals.items(), key=lambda item: item[1])
-        other, longer = max(
+        unlike, longer = max(
             self.intervals.items(), key=lambda item: abs(item[1] / shortest - round(item[1] / shortest))
         )
         raise InputError(
-            f"no time step divides both {name} and {other}",
+            f"no time step divides both {name} and {unlike}",
             value=f"{shortest:.10g} and {longer:.10g}",
             limit=f"steps from {most / 2:.4g} to {most:.4g}",
-            key=other,
-            remedy=f"{other} = {_beside(longer, shortest)}",
+            key=unlike,
+            remedy=f"{unlike} = {_beside(longer, shortest)}",
         )
 
     def _largest(self, most: float) -> float | None:
@@ -137,12 +137,8 @@ class WholeSteps:
 
 
 def steps_between(every: float, dt: float, key: str = "run.every") -> int:
-    """Return the number of steps between two outputs.
-
-    Raises
-    ------
-    InputError
-        The time between them is not positive, or not a whole number of steps.
+    """Return the number of steps between two outputs; raises InputError if the time between them is not positive, or
+    not a whole number of steps.
     """
     every = kinds.number(every, key, above=0)
     count = whole_steps(every, dt)
@@ -168,14 +164,14 @@ def seconds_of(engine: Engine) -> float:
     """Measure the time of a step on this machine at present, without sources: the shortest in a tenth of a second,
     because whatever else the machine does only delays it. The state is not changed.
     """
-    every = engine.tables.filter.every  # steps from one application of the layers' filter to the next
-    count, least, spent = every, np.inf, 0.0
+    period = engine.tables.filter.every  # steps from one application of the layers' filter to the next
+    count, least, spent = period, np.inf, 0.0
     with as_before(engine):
-        engine.advance_alone(every)  # the first steps load compiled code
+        engine.advance_alone(period)  # the first steps load compiled code
         while spent < _TIMED:
             begin = perf_counter()
             engine.advance_alone(count)
             took = perf_counter() - begin
             least, spent = min(least, took / count), spent + took
-            count = every * int(np.clip(_PIECE / least / every, 1, _MOST))
+            count = period * int(np.clip(_PIECE / least / period, 1, _MOST))
     return least

@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.pieces import Assembly, Box, common, sums_of, take_sums, values_of
+from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
-from farhorizon.simulation.heat.heat_in_steps import HeatInSteps
-from farhorizon.simulation.heat.heat_of_deformation import HeatOfDeformation
-from farhorizon.simulation.heat.heating import Heating
+from farhorizon.simulation.heat.coupled_temperature import CoupledTemperature, StaggeredTemperature
+from farhorizon.simulation.heat.thermal_strains import ThermalStrains
 from farhorizon.simulation.heat.thermoelastic_sides import sides_of_heat
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import Bonds
 from farhorizon.simulation.setup.setup import Setup
+from farhorizon.simulation.time.breaking import Breaking, IntactMargin
 from farhorizon.simulation.time.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.time.energies import energies, kinetic_energy, present
 from farhorizon.simulation.time.flow_balance import FlowBalance
@@ -29,84 +29,59 @@ from farhorizon.simulation.time.source_table import SourceTable
 from farhorizon.simulation.time.source_terms import SourceChecks, time_histories
 from farhorizon.simulation.time.start import Motion, continued, with_incident_waves
 
+_ROUNDING = 1e-9  # of a step, for the times of cracks
+_TINY = 1e-300  # a scale above zero, so that values may be compared with it
+
 
 class TimeLoop:
-    """Time stepping of the parts of a run; the constructor brings the engine to the start.
-
-    Parameters
-    ----------
-    setup : Setup
-    parts : Parts
-    run_of : callable
-        Makes a run of a set-up, given its observers and a team, for a temperature that is computed alongside.
-    team : ProcessGroup
-        The processes that compute the run.
-
-    Attributes
-    ----------
-    team : ProcessGroup
-    source_table : SourceTable
-    source_checks : SourceChecks
-    flow_balance : FlowBalance or None
-        Flow balance of diffusion, if it is recorded.
-    heating : Heating or None
-        Temperature that strains the medium.
-    margin : IntactMargin or None
-        Nodes whose bonds would break, but cannot.
-    every : int
-        Number of steps between two checks of these on all processes; 0 for none.
-    first_cuts : int
-        Number of absent bonds at the start.
-    first_energy : float
-        Initial energy of an elastic medium whose balance is recorded.
-
-    Raises
-    ------
-    InputError
-        Initial data that would break bonds at once, a balance where there is none.
+    """Time stepping of the parts of a run; the constructor brings the engine to the start. `run_of` makes a run of a
+    set-up, given its observers and a team, for a temperature that is computed alongside. Raises InputError for initial
+    data that would break bonds at once, and a balance where there is none.
     """
 
     def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: ProcessGroup = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.layered.sides, parts.start
-        self.source_checks = SourceChecks(
-            parts.source_terms.unsplit, parts.exterior, near.dt, time_histories(setup, near)
-        )
-        self.flow_balance: FlowBalance | None = None
+        self.source_checks: SourceChecks | None = None
+        if setup.sources or setup.loads:
+            self.source_checks = SourceChecks(
+                parts.source_terms.unsplit, parts.exterior, near.dt, time_histories(setup, near)
+            )
+        self.flow_balance: FlowBalance | None = None  # of diffusion, if it is recorded
         self._severed: Bonds | None = None
         self._opened = len(setup.cracks)
-        self.open_cracks(0)
-        self.first_cuts = int(grid.engine.absent.count)
+        if setup.cracks:
+            self.open_cracks(0)
+        self.first_cuts = int(grid.engine.absent.count)  # bonds that are absent at the start
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
-        self._begun = with_incident_waves(start, parts.incident)
+        self._begun = with_incident_waves(start, parts.incident) if parts.incident else start
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, 1e-300, *held]))
+        self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, _TINY, *held]))
         self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
-        self.heating = self._heating(run_of)
+        self.heating = None if setup.heat is None else self._heating(setup.heat, run_of)
         self._lay_start()
         if parts.breaking is not None:
             with team.agreed():
                 parts.breaking.check_start(self.source_table.force(0.0))
-        self.first_energy = 0.0
+        self.first_energy = 0.0  # of an elastic medium whose balance is recorded
         if setup.balance and setup.lasting:
-            found = self.energies()
-            self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
+            stored = self.energies()
+            self.first_energy = sum(stored.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
-            count = len(parts.source_terms.sources)
-            given = parts.phases, parts.ends, self.source_table, count, team, parts.of_field
-            self.flow_balance = FlowBalance(setup, near, sides, grid, *given)
-        self._find_margin()
+            self.flow_balance = FlowBalance(setup, parts, self.source_table, team)
+        self.margin: IntactMargin | None = None  # nodes whose bonds would break, but cannot
+        self.every = 0  # steps between two checks of these on all processes; 0 for none
+        if parts.breaking is not None:
+            self._find_margin(parts.breaking)
 
-    def _heating(self, run_of: Callable[..., Any]) -> Heating | None:
-        """Return the temperature that strains the medium; None if there is none."""
-        load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.layered.sides
-        if load is None:
-            return None
+    def _heating(self, load: ThermalLoad, run_of: Callable[..., Any]) -> ThermalStrains:
+        """Return the temperature that strains the medium."""
+        near, grid, sides = self.parts.near, self.parts.grid, self.parts.layered.sides
         broken = self._broken(load)
         if not (load.coupled or self.parts.thermoelastic):
-            return Heating(load, near, grid, sides, run_of, self.team, broken)
+            return ThermalStrains(load, near, grid, sides, run_of, self.team, broken)
 
         margins = {key: grid.margins[key] for key in self.parts.thermoelastic}
 
@@ -116,8 +91,8 @@ class TimeLoop:
                 return TimeLoop(setup, replace(parts, active_terms=[*parts.active_terms, (None, source)]), run_of)
 
         shared = sides_of_heat(self.parts.layered, grid.margins, self.parts.thermoelastic)
-        kind = HeatOfDeformation if load.coupled else HeatInSteps
-        return kind(load, near, grid, sides, shared, driven, broken)
+        stepped_heat = CoupledTemperature if load.coupled else StaggeredTemperature
+        return stepped_heat(load, near, grid, sides, shared, driven, broken)
 
     def _broken(self, load: ThermalLoad) -> BrokenBonds | None:
         """Return the broken bonds of the solid; None if they cannot break, or if the temperature is given."""
@@ -135,15 +110,20 @@ class TimeLoop:
     def _lay_start(self) -> None:
         """Give the engine the initial level, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
-        self._warm(0)
-        beyond = {name: continued(name, self.setup, near, self.parts.layered.sides, grid) for name in ("u", "v")}
+        if self.heating is not None:
+            self._warm(self.heating, 0)
+        beyond: dict[str, np.ndarray | None] = {"u": None, "v": None}
+        if any(side.derivatives for side in self.parts.layered.sides.values()):
+            beyond = {name: continued(name, self.setup, near, self.parts.layered.sides, grid) for name in beyond}
         # in diffusion all levels, because the sweep skips metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
             if beyond["u"] is not None:
                 grid.engine.core.view(level)[...] = beyond["u"]
             grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
-        self.source_table.prescribe()
-        self.source_table.hold(0)
+        if near.conditions.nodes.size:
+            self.source_table.prescribe()
+        if near.prescribed.constraints:
+            self.source_table.hold(0)
         if near.model.order == 2:
             # the medium beyond an outline is at rest
             outside = np.zeros(0, np.int64) if closure is None else closure.unmoved
@@ -153,18 +133,15 @@ class TimeLoop:
         if self.heating is not None:
             self.heating.begin()
 
-    def _warm(self, step: int) -> None:
-        """Update the thermal strains, if there are any, and the displacements that they explain."""
-        if self.heating is not None:
-            self.source_table.scale = max(self.source_table.scale, self.heating.lay(step))
+    def _warm(self, heating: ThermalStrains, step: int) -> None:
+        """Update the thermal strains, and the displacements that they explain."""
+        self.source_table.scale = max(self.source_table.scale, heating.lay(step))
 
     def energies(self) -> dict[str, float]:
         """Return the energies of the near field by name, see `farhorizon.Simulation.energies`."""
-        parts = self.parts
-        cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
-        held = self.setup.rim == "fixed"
-        found = energies(parts.near, parts.layered.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held)
-        return self.team.total(found if self.heating is None else found | self.heating.energies())
+        cold = self.heating is not None and self.heating.coupled
+        by_name = energies(self.parts, self.setup.lasting, cold, self.setup.rim == "fixed")
+        return self.team.total(by_name if self.heating is None else by_name | self.heating.energies())
 
     @property
     def slow_crossing(self) -> float:
@@ -216,17 +193,15 @@ class TimeLoop:
             out["dissolved"] = near.visible(np.where(solid, np.nan, near.dt * parts.phases.steps))
         return out
 
-    def _find_margin(self) -> None:
-        self.margin, self.every = None, 0
-        if self.parts.breaking is not None:
-            self.margin = self.parts.breaking.margin()
-            paces = self.team.gather(None if self.margin is None else self.margin.every)
-            self.every = min((pace for pace in paces if pace is not None), default=0)
+    def _find_margin(self, breaking: Breaking) -> None:
+        self.margin = breaking.margin()
+        intervals = self.team.gather(None if self.margin is None else self.margin.every)
+        self.every = min((interval for interval in intervals if interval is not None), default=0)
 
     def _due(self, step: int) -> list[Crack]:
         """Return the cracks that are open at a step."""
         dt = self.parts.near.dt
-        return [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
+        return [crack for crack in self.setup.cracks if crack.opens <= step * dt + _ROUNDING * dt]
 
     def sever(self, bonds: Bonds, step: int) -> None:
         """Cut these bonds from a step on, in addition to those across cracks and in place of those of the last call."""
@@ -252,13 +227,13 @@ class TimeLoop:
         self._opened = len(due)
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()
-        if step:
-            self._find_margin()
+        if step and breaking is not None:
+            self._find_margin(breaking)
 
-    def allow(self, step: int, wanted: int) -> int:
+    def allow(self, step: int, most: int) -> int:
         """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
-        opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
-        steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
+        opening = [int(np.ceil(c.opens / self.parts.near.dt - _ROUNDING)) - step for c in self.setup.cracks]
+        steps = min(most, min((wait for wait in opening if wait > 0), default=sys.maxsize))
         if self.every:
             steps = min(steps, self.every - step % self.every)
         if self.heating is not None:
@@ -270,7 +245,7 @@ class TimeLoop:
     def advance(self, step: int, steps: int) -> Iterator[int]:
         """Make `steps` steps from number `step` on; yields the number of steps of each batch after it."""
         if self.heating is not None and self.heating.due(step):
-            self._warm(step)
+            self._warm(self.heating, step)
         for batch in self.source_table.advance(step, steps):
             if self.heating is not None:
                 self.heating.follow(step)
@@ -303,8 +278,8 @@ class TimeLoop:
         """Return the gains since the start by origin, see `farhorizon.Simulation.balance`."""
         if self.flow_balance is not None:
             return self.flow_balance.balance()
-        found = self.energies()
-        return {**found, "lost": self.first_energy + 2 * found["work"] - sum(found.values())}
+        stored = self.energies()
+        return {**stored, "lost": self.first_energy + 2 * stored["work"] - sum(stored.values())}
 
     @property
     def box(self) -> Box:
@@ -313,9 +288,9 @@ class TimeLoop:
         """
         grid, lattice = self.parts.grid, self.parts.near.lattice
         low = [grid.engine.layout.low[a] + (grid.margins[a - grid.lead, -1] if a >= grid.lead else 0) for a in range(3)]
-        every = self.team.gather(low)
+        lows = self.team.gather(low)
         first = (0,) * grid.lead + lattice.first
-        starts = [f + max(one[a] for one in every) - low[a] for a, f in enumerate(first)]
+        starts = [f + max(low_there[a] for low_there in lows) - low[a] for a, f in enumerate(first)]
         return [(int(start), int(start) + n) for start, n in zip(starts, grid.engine.layout.box.nodes, strict=True)]
 
     def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
@@ -344,20 +319,20 @@ class TimeLoop:
     def sums(self) -> dict[str, float]:
         """Return the sums accumulated during the run, over all processes."""
         balance = self.flow_balance
-        found = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
-        return self.team.total(found)
+        sums = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
+        return self.team.total(sums)
 
     def take(self, states: Iterable[tuple[Box, Mapping[str, np.ndarray]]], meta: Mapping[str, Any]) -> bool:
         """Restore a state returned by `state`, possibly on other processes: `states` yields the boxes of those and
         their arrays, one after the other. Returns whether they cover the box of this process and match it.
         """
-        engine, step, own = self.parts.grid.engine, int(meta["step"]), self.box
+        engine, step, own_box = self.parts.grid.engine, int(meta["step"]), self.box
         self._seen_at = int(meta.get("seen_at", 0))
         self._seen = {"seen": np.zeros_like(engine.current)} if "seen_at" in meta else {}
-        made = Assembly(engine, own, self._seen)
+        made = Assembly(engine, own_box, self._seen)
         arrays: Mapping[str, np.ndarray] = {}
         for box, arrays in states:
-            if common(own, box, (0, 1, 2)) is not None and not made.add(box, arrays):
+            if common(own_box, box, (0, 1, 2)) is not None and not made.add(box, arrays):
                 return False
         self.team.gather(None)  # raises if another process lacks a part and makes no further calls
         engine.phase, engine.steps_done, self.source_table.scale = int(meta["phase"]), step, float(meta["scale"])
@@ -368,7 +343,8 @@ class TimeLoop:
         self.open_cracks(step)
         if not made.put():
             return False
-        self._warm(step)
+        if self.heating is not None:
+            self._warm(self.heating, step)
         first = self.team.number == 0
         self._take_sums(meta["sums"] if first else dict.fromkeys(meta["sums"], 0.0), meta["first_amounts"])
         if alone:

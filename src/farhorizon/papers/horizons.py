@@ -6,6 +6,7 @@ horizon decreases.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.errors import InputError
+from farhorizon import InputError
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,7 @@ class Study:
 
     def rates(self, last: int | None = None) -> np.ndarray:
         """Slope of the logarithm of the values over that of the horizon for each m, by least squares, shape (M,), over
-        the `last` horizons (all unless given).
-
-        Raises
-        ------
-        InputError
-            Values that are not positive, or fewer than two horizons.
+        the `last` horizons (all unless given). InputError for values that are not positive.
         """
         first = 0 if last is None else max(0, len(self.horizons) - last)
         horizons, values = self.horizons[first:], self.values[first:]
@@ -61,35 +57,25 @@ class Study:
         return np.polyfit(np.log(horizons), np.log(values), 1)[0]
 
     def crossing(self) -> tuple[float, float]:
-        """Return the number of nodes m* at which the curves over log m of the last two horizons cross, and the value
-        there; nan if they do not cross.
-
-        Raises
-        ------
-        InputError
-            Fewer than two horizons.
+        """The number of nodes m* at which the curves over log m of the last two horizons cross, and the value there;
+        nan if they do not cross.
         """
         _need_two(self.horizons, "a crossing")
-        one, other = self.values[-2:]
+        coarse, fine = self.values[-2:]
         place = np.log(self.ratios)
-        gap = one - other
+        gap = coarse - fine
         for i in range(len(gap)):
             if gap[i] == 0:
-                return float(self.ratios[i]), float(other[i])
+                return float(self.ratios[i]), float(fine[i])
             if i and gap[i - 1] * gap[i] < 0:
-                share = gap[i - 1] / (gap[i - 1] - gap[i])
-                at = place[i - 1] + share * (place[i] - place[i - 1])
-                return float(np.exp(at)), float(np.interp(at, place, other))
+                fraction = gap[i - 1] / (gap[i - 1] - gap[i])
+                at = place[i - 1] + fraction * (place[i] - place[i - 1])
+                return float(np.exp(at)), float(np.interp(at, place, fine))
         return np.nan, np.nan
 
 
 def _need_two(horizons: np.ndarray, what: str) -> None:
-    """Refuse a study of fewer than two horizons.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a study of fewer than two horizons."""
     if len(horizons) < 2:
         raise InputError(
             f"{what} needs two horizons",
@@ -106,29 +92,10 @@ def over_horizons(
     ratios: Sequence[int],
     workers: int | None = None,
 ) -> dict[str, Study]:
-    """Measure for all combinations of horizons and numbers of nodes in the horizon.
-
-    Parameters
-    ----------
-    measure : callable
-        Takes a horizon and m, and returns numbers by name. Simulations in it should use one thread.
-    horizons : sequence of float
-    ratios : sequence of int
-    workers : int, optional
-        Number of simultaneous runs (threads; the compiled loop releases the interpreter lock); unless given, the number
-        of available cores.
-
-    Returns
-    -------
-    dict of str to Study
-
-    Raises
-    ------
-    InputError
-        Nothing to study, or horizons or ratios that are not positive.
+    """Measure numbers by name for all combinations of horizons and numbers m of nodes in the horizon, several at a
+    time: in threads, of which there is one for each core unless given, because the compiled loop releases the
+    interpreter lock. Simulations in `measure` should use one thread.
     """
-    from farhorizon.engine.engine import available_threads
-
     if not len(horizons) or not len(ratios) or min(horizons) <= 0 or min(ratios) < 1:
         raise InputError(
             "a study needs positive horizons and at least one node in each",
@@ -138,16 +105,17 @@ def over_horizons(
     cells = [(h, m) for h in horizons for m in ratios]
     # start with the finest grid, so that no worker is left alone with it at the end
     cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
-    found: list[dict[str, Any]] = [{}] * len(cells)
-    with ThreadPoolExecutor(workers or available_threads()) as pool:
+    measured: list[dict[str, Any]] = [{}] * len(cells)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with ThreadPoolExecutor(workers or cores) as pool:
         for i, result in zip(cost, pool.map(lambda i: measure(*cells[i]), cost), strict=True):
-            found[i] = result
+            measured[i] = result
     shape = len(horizons), len(ratios)
     return {
         name: Study(
             np.asarray(horizons, float),
             np.asarray(ratios, int),
-            np.array([f[name] for f in found], float).reshape(shape),
+            np.array([f[name] for f in measured], float).reshape(shape),
         )
-        for name in found[0]
+        for name in measured[0]
     }
