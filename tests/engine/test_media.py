@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.media import media_of
-from farhorizon.engine.tables import one_medium
+from farhorizon.engine.tables import Media
 from farhorizon.medium.integrators import Euler, RungeKutta4, Verlet
 from helpers import check_apply, kernel_stencil, periodic_engine
 
@@ -105,7 +106,7 @@ def test_runs_are_those_of_bonds_one_by_one(model, dim, boundary):
         sim = fh.Simulation(lattice, made, sides, {"u": given}, cracks=cracks, threads=1, **varied)
         assert sim.engine.tables.media.function != 0
         if alone:
-            sim.engine.replace(media=one_medium(sim.engine.dtype))
+            sim.engine.replace(media=with_defaults(Media, sim.engine.dtype))
         sim.step(30)
         runs.append(sim.fields["u"])
     assert np.abs(runs[0] - runs[1]).max() <= 1e-12 * np.abs(runs[1]).max()

@@ -14,7 +14,7 @@ from farhorizon.engine.bonds import PHASES, factors_of
 from farhorizon.engine.exchange import FILTER
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import cut_filter, cut_links, without
-from farhorizon.engine.layer_cuts import cut_layers
+from farhorizon.engine.layer_passes import cut_layers
 from farhorizon.engine.surface import bare_bonds, surface_of
 from farhorizon.engine.tables import Cuts, Material
 
@@ -58,15 +58,15 @@ class AbsentBonds:
         order = np.flatnonzero(~swept)
         order = order[np.lexsort((neighbours[order], nodes[order]))]
         nodes, neighbours, weights = nodes[order].astype(np.int64), neighbours[order].astype(np.int64), weights[order]
-        if engine.dragged_layers is not None:
-            layers = engine.dragged_layers.without(nodes, neighbours)
+        if engine.drag_pass is not None:
+            layers = engine.drag_pass.without(nodes, neighbours)
             engine.replace(neighbours=engine.tables.neighbours._replace(layers=layers))
         if engine.passes is not None:
             engine.passes.leave_out(nodes, neighbours, *bare, self.exists)
             if not engine.weights.any():
                 nodes, neighbours, weights = nodes[:0], neighbours[:0], weights[:0]
-        if engine.thermoelastic_layers is not None:
-            pushes, traces = engine.thermoelastic_layers.without(nodes, neighbours)
+        if engine.heat_passes:
+            pushes, traces = (heat_pass.without(nodes, neighbours) for heat_pass in engine.heat_passes)
             tables = engine.tables
             engine.replace(pushes=tables.pushes._replace(layers=pushes), traces=tables.traces._replace(layers=traces))
         engine.replace(

@@ -24,9 +24,9 @@ from farhorizon.engine.bonds import (
     Zone,
     all_bits,
     factors_of,
-    no_bonds,
 )
 from farhorizon.engine.field import Field
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS, BondLaw
@@ -116,7 +116,9 @@ class BondZone:
             for name, values in (("strength", strength), ("final", final), ("contact_stiffness", contact_stiffness))
             if values is not None
         }
-        bonds = no_bonds(engine.dtype)._replace(
+        bonds = with_defaults(
+            Bonds,
+            engine.dtype,
             functions=np.array(load_rows("bond_rows", law=law), np.int64),
             table=np.column_stack([xi, 1 / (xi**2).sum(1), scaled]).astype(engine.dtype),
             places=np.column_stack([engine.offsets @ np.array(block.stride), engine.offsets]).astype(np.int64),
@@ -324,17 +326,17 @@ class BondZone:
         engine = self.engine
         traces, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
-        layers, table = engine.thermoelastic_layers, self.table
-        if layers is not None:
+        thermoelastic, table = bool(engine.heat_passes), self.table
+        if thermoelastic:
             table = table._replace(zone=Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach))
         if engine.passes is not None:
-            vectors, states = engine.tables.heat.vectors, engine.passes.states_of(level, layered=layers is not None)
+            vectors, states = engine.tables.heat.vectors, engine.passes.states_of(level, layered=thermoelastic)
             add_traces_of_states(traces, states, block, table, engine.passes.units_of_bonds())
         else:
             xi, scaled = table.table[:, : engine.components], table.table[:, engine.components + 1 :]
             vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
-        if layers is not None:
-            vectors = layers.vectors
+        if thermoelastic:
+            vectors = engine.heat_vectors
             engine.tables.heat.traces[:] = 0
             engine.operate(level, trace_operations(engine.tables), apart, again=True)
             traces += engine.tables.heat.traces
@@ -368,7 +370,7 @@ class BondZone:
             self.engine.components,
             material,
             table._replace(thermal_strain=table.thermal_strain[:1] * 0) if cold else table,
-            self.engine.thermoelastic_layers is not None,
+            bool(self.engine.heat_passes),
         )
         return float(total) / self.engine.stages.numbers[0][2]
 
@@ -381,7 +383,7 @@ class BondZone:
         engine.complete(engine.current)
         if engine.passes is None or not len(self.table.released):
             return float(laws.largest_strain(engine.current, tables.sweep.block, engine.components, self.table))
-        engine.passes.states_of(engine.current, cold=False, halo=True)
+        engine.passes.states_of(engine.current, thermal=True, halo=True)
         passes = tables.gradient_pass, tables.divergence_pass
         medium = StateBonds(tables.sweep, tables.material, *passes, self.table)
         return self.limit * float(np.sqrt(largest_energy(engine.current, medium)))

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import doubles, ints, reals
 from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, TileAddresses, TileShape, call_bonds, call_steepness
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.tables import Material
@@ -46,76 +47,50 @@ _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 class Bonds(NamedTuple):
-    """Tables of the bonds for the compiled loop. A node has K bonds and as many bits, in words of 64; a table of nodes
-    has one value per place, or a single one where all are equal.
+    """Tables of the bonds for the compiled loop; without any the stencil serves everywhere. A node has K bonds and as
+    many bits, in words of 64; a table of nodes has one value per place, or a single one where all are equal.
     """
 
-    functions: (
-        np.ndarray
-    )  # addresses of the sweeps of plain tiles and of a damaged tile, and of the bound of the stretch
-    table: (
-        np.ndarray
-    )  # (K, components + 2): xi, 1 / |xi|^2 and c in units of the update; state-based: c of closing bonds
-    places: np.ndarray  # (K, 4): distance to the neighbour in a level, and its offset
-    alive: np.ndarray  # (words, places of the core): bits of the bonds that are present
-    kinds: np.ndarray  # (planes, rows of tiles, tiles): `PLAIN` or `DAMAGED`
-    zone: np.ndarray  # (12,): see `Zone.table`
-    limit: np.ndarray  # (2,): of the strain e, and of `bond_sweeps.steepness`, below which no bond breaks
-    nonlinear: bool
-    broken: np.ndarray  # (planes, rows of tiles, 2): energy, in units of c, and number of broken bonds
-    forces: bool  # whether bonds exert forces by the law, or only break (`engine.damage`, for which the rest is)
-    changed: np.ndarray  # shape of `kinds`: `UNCHANGED`, `CHANGED`, `JUST_CHANGED` or `CLOSES`
-    before: np.ndarray  # shape of `alive`, or empty: bits of the bonds for which the lost energy has been accounted
-    full: np.ndarray  # (words,): bits of a node that has all its bonds
-    strength: np.ndarray  # of nodes: limit of e relative to `limit`, the smallest one; the weaker end of a bond counts
-    closing: np.ndarray  # shape of `alive`, or empty: bits of bonds that carry compression even if cut or broken
-    contact_stiffness: np.ndarray  # of nodes, state-based media only: relative stiffness of closing bonds
-    thermal_strain: np.ndarray  # of nodes; a bond has the mean of its ends, see `engine.thermal_strain`
+    #: addresses of the sweeps of plain tiles and of a damaged tile, and of the bound of the stretch
+    functions: np.ndarray = ints(3)
+    #: (K, components + 2): xi, 1 / |xi|^2 and c in units of the update; state-based: c of closing bonds
+    table: np.ndarray = reals(0, 1)
+    places: np.ndarray = ints(0, PLACES)  # (K, 4): distance to the neighbour in a level, and its offset
+    alive: np.ndarray = ints(0, 0, bits="uint64")  # (words, places of the core): bits of the bonds that are present
+    kinds: np.ndarray = ints(0, 0, 0, bits="uint8")  # (planes, rows of tiles, tiles): `PLAIN` or `DAMAGED`
+    zone: np.ndarray = ints(12)  # see `Zone.table`
+    limit: np.ndarray = reals(2)  # of the strain e, and of `bond_sweeps.steepness`, below which no bond breaks
+    nonlinear: bool = False
+    #: (planes, rows of tiles, 2): energy, in units of c, and number of broken bonds
+    broken: np.ndarray = doubles(0, 0, 2)
+    forces: bool = True  # whether bonds exert forces by the law, or only break (`engine.damage`, for which the rest is)
+    #: shape of `kinds`: `UNCHANGED`, `CHANGED`, `JUST_CHANGED` or `CLOSES`
+    changed: np.ndarray = ints(0, 0, 0, bits="uint8")
+    #: shape of `alive`, or empty: bits of the bonds for which the lost energy has been accounted
+    before: np.ndarray = ints(0, 0, bits="uint64")
+    full: np.ndarray = ints(0, bits="uint64")  # (words,): bits of a node that has all its bonds
+    #: of nodes: limit of e relative to `limit`, the smallest one; the weaker end of a bond counts
+    strength: np.ndarray = reals(1, value=1.0)
+    #: shape of `alive`, or empty: bits of bonds that carry compression even if cut or broken
+    closing: np.ndarray = ints(0, 0, bits="uint64")
+    #: of nodes, state-based media only: relative stiffness of closing bonds
+    contact_stiffness: np.ndarray = reals(1, value=1.0)
+    thermal_strain: np.ndarray = reals(1)  # of nodes; a bond has the mean of its ends, see `engine.thermal_strain`
     #: (K, places of the core), or empty: remaining fraction of the stiffness of softening bonds, 1 until stretched
     #: beyond the limit; kept by cut bonds
-    residual_stiffness: np.ndarray
+    residual_stiffness: np.ndarray = reals(0, 0)
     #: of nodes, or empty: stretch at which softening bonds have lost all stiffness; the smaller of both ends counts
-    final: np.ndarray
+    final: np.ndarray = reals(0)
     #: (K, 3), or empty if bonds break by their stretch: energy lost with a bond at a critical stretch of 1, per unit of
     #: each modulus of one end, in units of the update, see `engine.release`
-    released: np.ndarray
-    #: (2,): coefficients of an upper bound of that energy over the one at a critical stretch of 1: of the norm of
-    #: differences along the axes times that of the results of the law, and of the square of the former
-    bounds: np.ndarray
+    released: np.ndarray = doubles(0, 3)
+    #: coefficients of an upper bound of that energy over the one at a critical stretch of 1: of the norm of differences
+    #: along the axes times that of the results of the law, and of the square of the former
+    bounds: np.ndarray = doubles(2)
     #: of nodes: weight of the state in that energy (`shape_tensors.harmonic_eigenvalue`), smaller where a node lacked
     #: bonds at first, so that fewer bear its stress
-    harmonic_eigenvalue: np.ndarray
-    room: np.ndarray  # (threads, n, nodes): work space for energies of bonds
-
-
-def no_bonds(dtype: np.dtype) -> Bonds:
-    """Return empty tables: the stencil serves everywhere."""
-    bits, kinds, single = np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8), np.ones(1, dtype)
-    return Bonds(
-        functions=np.zeros(3, np.int64),
-        table=np.zeros((0, 1), dtype),
-        places=np.zeros((0, PLACES), np.int64),
-        alive=bits,
-        kinds=kinds,
-        zone=np.zeros(12, np.int64),
-        limit=np.zeros(2, dtype),
-        nonlinear=False,
-        broken=np.zeros((0, 0, 2)),
-        forces=True,
-        changed=kinds,
-        before=bits,
-        full=np.zeros(0, np.uint64),
-        strength=single,
-        closing=bits,
-        contact_stiffness=single,
-        thermal_strain=np.zeros(1, dtype),
-        residual_stiffness=np.zeros((0, 0), dtype),
-        final=np.zeros(0, dtype),
-        released=np.zeros((0, 3)),
-        bounds=np.zeros(2),
-        harmonic_eigenvalue=single,
-        room=np.zeros((0, 0, 0)),
-    )
+    harmonic_eigenvalue: np.ndarray = reals(1, value=1.0)
+    room: np.ndarray = doubles(0, 0, 0)  # (threads, n, nodes): work space for energies of bonds
 
 
 class StateBonds(NamedTuple):

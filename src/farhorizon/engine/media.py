@@ -14,10 +14,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from farhorizon.engine.bonds import PHASES
-from farhorizon.engine.field import Field
-from farhorizon.engine.plain_tables import block_of
+from farhorizon.engine.field import Field, block_of
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.rows.choose import compiled_rows
-from farhorizon.engine.tables import Media, one_medium
+from farhorizon.engine.tables import Media
 
 Piece = tuple[int, int, int, int, int]
 
@@ -30,13 +30,13 @@ def media_of(engine: Field) -> Media:
     """Return the media of an engine whose nodes have coefficients, also in their halo."""
     material, layout = engine.tables.material, engine.layout
     if material.coefficient.size == 1 or material.rule == PHASES or np.ndim(engine.reaction):
-        return one_medium(engine.dtype)
+        return with_defaults(Media, engine.dtype)
     values, numbers = _uniform(layout.box.all(material.coefficient), layout.reach)
     given = engine.dtype.name, engine.stages.increments, engine.signs, np.zeros((0, 0))
     block = block_of(engine)[1]
     function, row = compiled_rows(engine.offsets, block, *given) if values.size else (0, np.zeros(1))
     if function == 0:
-        return one_medium(engine.dtype)
+        return with_defaults(Media, engine.dtype)
     mixed = np.zeros(layout.size, np.int8)
     mixed[layout.box.node_indices()[numbers == -1]] = 1
     pieces, ranges, depth = [], [0], engine.tables.sweep.depth

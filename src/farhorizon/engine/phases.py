@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import ints
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.runs import any_below
 from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
@@ -29,15 +30,18 @@ NEVER = np.iinfo(np.int64).max
 class Phases(NamedTuple):
     """Tables of the two phases for the compiled loop."""
 
-    runs: np.ndarray  # (rows of tiles, tiles, 2), int32: kind of each run of a row, and the tile after its last
-    solids: np.ndarray  # (rows of tiles, tiles): number of solid nodes in each tile and within one reach of it
-    volumes: np.ndarray  # (rows of tiles, tiles): number of all nodes there
-    changed: np.ndarray  # (rows of tiles,), bool: rows whose counts have changed since their runs were found
-    dissolved: np.ndarray  # step at which each place became liquid
-    total: np.ndarray  # (2,): nodes that have become liquid, at present and when the runs were last found
-    saturation: float  # value below which a solid node dissolves
-    period: np.ndarray  # (3,): of each axis in nodes; 0 if not periodic, and if other processes fill halos
-    halo: np.ndarray  # (n, 4): solid nodes of the halo that other processes fill: places, and coordinates in the box
+    #: (rows of tiles, tiles, 2): kind of each run of a row, and the tile after its last
+    runs: np.ndarray = ints(0, 0, 2, bits="int32")
+    #: (rows of tiles, tiles): number of solid nodes in each tile and within one reach of it
+    solids: np.ndarray = ints(0, 0)
+    volumes: np.ndarray = ints(0, 0)  # (rows of tiles, tiles): number of all nodes there
+    changed: np.ndarray = ints(0, bits="bool")  # rows of tiles whose counts have changed since their runs were found
+    dissolved: np.ndarray = ints(0)  # step at which each place became liquid
+    total: np.ndarray = ints(2)  # nodes that have become liquid, at present and when the runs were last found
+    saturation: float = 0.0  # value below which a solid node dissolves
+    period: np.ndarray = ints(3)  # of each axis in nodes; 0 if not periodic, and if other processes fill halos
+    #: solid nodes of the halo that other processes fill: places, and coordinates in the box
+    halo: np.ndarray = ints(0, 4)
 
 
 def phases_table(
@@ -63,12 +67,6 @@ def phases_table(
     if len(solids):
         find_runs(ALONE, Struct(phases))
     return phases
-
-
-def one_phase() -> Phases:
-    """Return empty tables: there is only one phase."""
-    none = np.zeros((0, 0), np.int64)
-    return phases_table(none, none, np.zeros(0, np.int64), 0.0, np.zeros(3), np.zeros((0, 4)))
 
 
 def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

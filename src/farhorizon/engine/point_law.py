@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import empty, ints, reals
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.matrices import call_map
 
@@ -19,41 +20,44 @@ WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with on
 class LawRows(NamedTuple):
     """Nodes of each row that do not have all their bonds."""
 
-    ranges: np.ndarray  # (R, 2): first stretch of neighbours of each row, and last + 1; equal rows share theirs
+    #: (R, 2): first stretch of neighbours of each row, and last + 1; equal rows share theirs
+    ranges: np.ndarray = ints(0, 2)
     #: (T, 6): first node along the row, and last + 1; `ALIKE` or `EACH`; index in `weights` of the first of their
     #: matrices, and distance between entries of a matrix; index in `kinds` of the first node
-    stretches: np.ndarray
-    kinds: np.ndarray  # indices of the matrices of the nodes of all stretches
-    weights: np.ndarray  # the matrices themselves, then those of stretches `EACH`, entry by entry
+    stretches: np.ndarray = ints(0, 6)
+    kinds: np.ndarray = ints(0)  # indices of the matrices of the nodes of all stretches
+    weights: np.ndarray = reals(0)  # the matrices themselves, then those of stretches `EACH`, entry by entry
 
 
 class PointLaw(NamedTuple):
     """Law that nodes apply to their states, which have n components."""
 
-    values: np.ndarray  # states, laid out as a level of n components; empty if the operator has no passes
-    functions: np.ndarray  # (3,): addresses of the compiled law of neighbours: `WHOLE`, `ALIKE`, `EACH`
-    intact: np.ndarray  # (n, n): matrix of all nodes except the following ones
-    nodes: np.ndarray  # (S,): places of nodes that lack bonds, ascending
-    numbers: np.ndarray  # (S,): index of the matrix of each of them
-    matrices: np.ndarray  # (m, n, n)
-    rows: LawRows  # the same nodes, row by row
+    values: np.ndarray = reals(0)  # states, laid out as a level of n components; empty if the operator has no passes
+    functions: np.ndarray = ints(0)  # (3,): addresses of the compiled law of neighbours: `WHOLE`, `ALIKE`, `EACH`
+    intact: np.ndarray = reals(1, 1)  # (n, n): matrix of all nodes except the following ones
+    nodes: np.ndarray = ints(0)  # (S,): places of nodes that lack bonds, ascending
+    numbers: np.ndarray = ints(0)  # (S,): index of the matrix of each of them
+    matrices: np.ndarray = reals(1, 1, 1)  # (m, n, n)
+    rows: LawRows = empty(LawRows)  # the same nodes, row by row
     #: (m,): of the shape tensors to which the matrices belong, see `engine.shape_tensors`; the first, that of places
     #: without a node, is 1, and so is that of all other nodes. Zeros if nodes bear all of their stress down to the last
     #: of their bonds.
-    harmonic_eigenvalue: np.ndarray
-    moduli: np.ndarray  # (3,): Lame's constant, shear modulus and stabilisation, from which the matrices are computed
-    local: np.ndarray  # (3, places): the same moduli of each node if they vary, or empty
-    bases: np.ndarray  # (3, n, n): matrix of all other nodes per unit of each modulus
-    shapes: np.ndarray  # (K, d * d): contribution of each bond to the shape tensor
-    kept: bool  # whether bonds that break leave the shape tensor unchanged
-    first: np.ndarray  # (3,): box of nodes whose states are complete once swept: no layer adds to them, no bond is cut
-    end: np.ndarray  # (3,)
-    room: np.ndarray  # (threads, n, CHUNK): work space
-    thermal_strain: np.ndarray  # (places,), or empty: to which no force responds, see `engine.thermal_strain`
-    spacing: float  # by which a unit strain is converted into displacements
-    unit: np.ndarray  # (n,): state of a unit strain in all directions, for a node with all its bonds
-    units: np.ndarray  # (m, n): the same for the nodes to which `matrices` belong
-    arms: np.ndarray  # (K, d): bond vectors, in units of length
+    harmonic_eigenvalue: np.ndarray = reals(0)
+    #: (3,): Lame's constant, shear modulus and stabilisation, from which the matrices are computed
+    moduli: np.ndarray = reals(0)
+    local: np.ndarray = reals(3, 0)  # (3, places): the same moduli of each node if they vary, or empty
+    bases: np.ndarray = reals(1, 1, 1)  # (3, n, n): matrix of all other nodes per unit of each modulus
+    shapes: np.ndarray = reals(1, 1)  # (K, d * d): contribution of each bond to the shape tensor
+    kept: bool = False  # whether bonds that break leave the shape tensor unchanged
+    #: (3,): box of nodes whose states are complete once swept: no layer adds to them, no bond is cut
+    first: np.ndarray = ints(0)
+    end: np.ndarray = ints(0)  # (3,)
+    room: np.ndarray = reals(1, 1, CHUNK)  # (threads, n, CHUNK): work space
+    thermal_strain: np.ndarray = reals(0)  # (places,), or empty: no force responds to it, see `engine.thermal_strain`
+    spacing: float = reals(value=1.0)  # by which a unit strain is converted into displacements
+    unit: np.ndarray = reals(0)  # (n,): state of a unit strain in all directions, for a node with all its bonds
+    units: np.ndarray = reals(1, 1)  # (m, n): the same for the nodes to which `matrices` belong
+    arms: np.ndarray = reals(0, 0)  # (K, d): bond vectors, in units of length
 
 
 @njit(error_model="numpy", cache=True, counted=False)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, bond_factor, curved_part
+from farhorizon.engine.layout import reals
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
 
@@ -20,19 +21,14 @@ from farhorizon.engine.threads import barrier, chunk_of
 class ThermalStrains(NamedTuple):
     """Thermal strains of the nodes; each table may be empty."""
 
-    thermal_strain: np.ndarray  # (places,): at the present time
-    rate: np.ndarray  # (places,): change per step
-    vectors: np.ndarray  # (K, d): forces of the springs of state-based media per unit strain, in units of the operator
+    thermal_strain: np.ndarray = reals(0)  # (places,): at the present time
+    rate: np.ndarray = reals(0)  # (places,): change per step
+    #: (K, d): forces of the springs of state-based media per unit strain, in units of the operator
+    vectors: np.ndarray = reals(0, 0)
     #: (K, d), if heat passes through the layers: the same for springs of state-based media and for all bonds of others,
-    #: see `engine.thermoelastic_layers`; `vectors` is empty then
-    beyond: np.ndarray
-    traces: np.ndarray  # (places,): contributions of the layers to the traces of the stresses
-
-
-def no_heat(real: np.dtype) -> ThermalStrains:
-    """Return empty tables."""
-    none, vectors = np.zeros(0, real), np.zeros((0, 0), real)
-    return ThermalStrains(thermal_strain=none, rate=none, vectors=vectors, beyond=vectors, traces=none)
+    #: see `layer_passes.heat_passes`; `vectors` is empty then
+    beyond: np.ndarray = reals(0, 0)
+    traces: np.ndarray = reals(0)  # (places,): contributions of the layers to the traces of the stresses
 
 
 @njit(error_model="numpy", cache=True, counted=False)

@@ -15,8 +15,8 @@ from farhorizon.engine.rows import sources
 PACKAGE = Path(farhorizon.__file__).parent
 #: Functions whose machine code is kept, by file.
 KEPT = {
-    "sweep": ("engine/program.py", "stencil_part"),
-    "break": ("engine/program.py", "break_beyond"),
+    "sweep": ("engine/sweep_program.py", "stencil_part"),
+    "break": ("engine/program.py", "break_stretched"),
     "strain": ("engine/bonds.py", "largest_strain"),
     "rows": ("engine/rows/stencil_sweeps.py", "stencil_sweep"),
 }
@@ -25,7 +25,7 @@ EDITS = {
     "comment": ("engine/bonds.py", "    return total / length\n", "    # of one bond\n    return total / length\n", ""),
     "docstring": ("engine/bonds.py", '"""Stretch of a bond, ', '"""Elongation of a bond, ', ""),
     "head": ("engine/rows/vectors.py", '"""Explicit SIMD', '"""Vectors', ""),
-    "field": ("engine/bonds.py", "nonlinear: bool\n", "nonlinear: int  # or bool\n", ""),
+    "field": ("engine/bonds.py", "nonlinear: bool = False\n", "nonlinear: int = False  # or bool\n", ""),
     "annotation": ("engine/rows/vectors.py", "def splat(self, value: Any) -> Any:", "def splat(self, value):", ""),
     "layout": ("engine/bonds.py", "return e / (1 + np.sqrt(1 + e)) if", "return (e / (1 + np.sqrt(1 + e))) if", ""),
     "host": (

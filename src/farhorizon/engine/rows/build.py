@@ -131,6 +131,11 @@ def load_program() -> ModuleType:
     return _load("program", (_ENGINE / "program.py").read_text())
 
 
+def load_sweep_program() -> ModuleType:
+    """Module with its operations that go over the box part by part."""
+    return _load("sweep_program", (_ENGINE / "sweep_program.py").read_text())
+
+
 def load_layer_program() -> ModuleType:
     """Module with its operations on layers."""
     return _load("layer_program", (_ENGINE / "layer_program.py").read_text())

@@ -54,7 +54,7 @@ class Remembered:
 
 def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: str) -> Any:
     """Make the intrinsic that applies stretched shifts in one direction along lines that are processed side by side;
-    see `engine.nested`.
+    see `engine.layers`.
 
     ``shifts(parts, results, memory, edges, columns, vectors)`` takes, for `parts` and for `results`, the byte address
     of column 0 and the distances between columns and between k; the address of the memory (one cell per application;

@@ -25,7 +25,7 @@ from farhorizon.errors import InputError, UnstableError, ValidityWarning
 from farhorizon.medium.integrators import RungeKuttaChebyshev
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
-from farhorizon.simulation.sides.layers import spreads
+from farhorizon.simulation.sides.layered_sides import spreads
 from farhorizon.simulation.time.steps import last_step
 
 #: Crossings of the near field for which layers for waves are chosen where the length of the run is not known, and
