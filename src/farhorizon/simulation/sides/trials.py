@@ -305,9 +305,8 @@ class TrialRuns:
         does not count. Where the layers turn out so thick that the run takes longer, so may the trials.
         """
         layers = self._layers_of(sides)
-        return self.spent + self._seconds(layers, trial) <= max(
-            self.allowed, _allowed(self._seconds(layers, self.until))
-        )
+        longer = min(_RUNS * self._seconds(layers, self.until), _MOST_SECONDS)
+        return self.spent + self._seconds(layers, trial) <= max(self.allowed, longer)
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""
