@@ -17,7 +17,7 @@ from farhorizon.simulation.time.steps import seconds_of
 _COUNTS = 1, 2, 8, 64, 512  # of processes; a report has one row for each
 #: Latency in seconds and bandwidth in bytes per second of messages between two processes on one machine, in both
 #: directions at once; and what remains of both while rows are swept meanwhile
-#: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
+#: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/explanation/processes.md`).
 _MESSAGE, _OVERLAPPED = (20e-6, 1.9e9), (3.5e-6, 3.6e9)
 
 
