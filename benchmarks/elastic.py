@@ -65,7 +65,7 @@ from farhorizon import (
     Simulation,
     Thermoelastic,
 )
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.engine.bonds import DAMAGED
 from farhorizon.engine.engine import Engine, Zone, available_threads
 from farhorizon.engine.rows.vectors import I64, Vectors

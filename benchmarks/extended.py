@@ -36,7 +36,7 @@ import numpy as np
 from common import interleaved, median, ratio, run_parts, verdict
 
 from farhorizon import Diffusion, Elastic, Extended, Kernel, Lattice, LatticePML, Simulation, Wave
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 
 GOALS = (1e-4, 1e-6)
 OUTPUTS = {1: 40, 2: 40, 3: 8}

@@ -56,7 +56,7 @@ from common import run_parts, verdict
 from scipy import fft
 
 import farhorizon as fh
-from farhorizon.analysis.references.infinite import InfiniteLattice, largest_speed
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice, largest_speed
 from farhorizon.medium.integrators import Verlet, VerletModes
 from farhorizon.simulation.time.steps import seconds_of
 

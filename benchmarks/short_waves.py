@@ -19,11 +19,11 @@ from common import run_parts
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.chain_modes import LatticeMedium
+from farhorizon.analysis.layers.families import tuned_layer
 from farhorizon.analysis.layers.profiles import largest_gain
 from farhorizon.analysis.layers.reflection import layer_amplitudes
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.tuned_layers import tuned_layer
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.checks.side_modes import Strip
 
 ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0, 2.4, np.pi]  # tangential wavenumbers times spacing

@@ -109,7 +109,7 @@ from farhorizon.simulation.recorders.receivers import Spectra as Spectra
 from farhorizon.simulation.recorders.recording import Probes as Probes
 from farhorizon.simulation.recorders.shell_recorder import ShellRecorder as ShellRecorder
 from farhorizon.simulation.setup.setup import Setup as Setup
-from farhorizon.simulation.setup.surface_factors import surface_factor as surface_factor
+from farhorizon.simulation.setup.surface_effect import surface_factor as surface_factor
 from farhorizon.simulation.simulation import Simulation as Simulation
 from farhorizon.simulation.time.steps import WholeSteps as WholeSteps
 from farhorizon.studies.convergence import convergence as convergence

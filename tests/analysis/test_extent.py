@@ -5,7 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.extent import Datum, Waves, extent, largest
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.medium.integrators import Euler, Verlet
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.radiation import all_around, powers_sent
-from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.medium.integrators import Verlet
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.studies.compare import compare
 

@@ -7,7 +7,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis import modes
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.boundaries import plane_wave
 from farhorizon.boundaries.plane_wave import Medium, update_matrix
 

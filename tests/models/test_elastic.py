@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.state import State
 from farhorizon.medium.solids import central, correspondence, dilatation

@@ -7,7 +7,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion, half_weights, run_kernel, transform_kernel
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.checks.run_cost import extended_run_cost
 from farhorizon.medium.integrators import Euler, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.studies.compare import compare

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.papers import bobaru2010 as paper
 from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, DiffusionExample, difference
-from farhorizon.papers.reproductions import REPRODUCTIONS
 
 #: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids);
 #: rows 3L/100 .. 3L/800, columns m = 2, 4, 8, 16. The paper has them only in an image.

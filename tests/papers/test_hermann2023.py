@@ -7,9 +7,9 @@ import pytest
 
 from farhorizon.boundaries import FirstOrder, Fixed, LatticePML, PlaneWave
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.papers import hermann2023 as paper
 from farhorizon.papers.measure import growth_from_noise, infinite, measured_run
-from farhorizon.papers.reproductions import REPRODUCTIONS
 
 
 def rows(outcome):

@@ -5,6 +5,7 @@ import pytest
 from scipy import special
 
 from chains import BAR, BEAM, gaussian_weights
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.papers import ji2021 as paper
 from farhorizon.papers.ji2021 import (
     BarExample,
@@ -18,7 +19,6 @@ from farhorizon.papers.ji2021 import (
     semi_discrete_kernel,
     solution,
 )
-from farhorizon.papers.reproductions import REPRODUCTIONS
 
 
 def chain_impulse(weights, t, half=400):

@@ -6,9 +6,9 @@ import pytest
 from farhorizon.boundaries import Fixed, LatticePML
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.papers import shojaei2020 as paper
 from farhorizon.papers.measure import infinite, measured_run, stability
-from farhorizon.papers.reproductions import REPRODUCTIONS
 
 COARSE = 0.005  # five times the paper's step: errors of the conditions change in the third digit
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from farhorizon import Kernel
-from farhorizon.papers.reproductions import REPRODUCTIONS
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.papers.shojaei2020_corrosion import (
     CLOSURES,
     INTERFACE,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from farhorizon import NonlocalPML
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.papers import wildman2012 as paper
-from farhorizon.papers.reproductions import REPRODUCTIONS
 
 
 def rows(outcome):

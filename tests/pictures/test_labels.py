@@ -8,7 +8,7 @@ import pytest
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.papers import shojaei2020_corrosion, wildman2012
-from farhorizon.pictures import curves, fields, fronts
+from farhorizon.pictures import curves, fields
 from farhorizon.validation import branching, crack_impact, stress_intensity, surface_motion
 
 LINE = np.linspace(0.0, 10.0, 40)
@@ -95,7 +95,7 @@ def test_closures_are_called_by_words(tmp_path, monkeypatch):
     monkeypatch.setattr(curves, "error_history", lambda given, *_, **__: seen.extend(given))
     for name in ("field_panels", "gradient_panels"):
         monkeypatch.setattr(fields, name, lambda panels, *_, **__: seen.extend(panel.title for panel in panels))
-    monkeypatch.setattr(fronts, "front", lambda *_, **__: None)
+    monkeypatch.setattr(fields, "front", lambda *_, **__: None)
     u, names = np.ones((3, 3)), ("LatticePML", "infinite medium")
     runs = {"LatticePML": SimpleNamespace(lattice=SimpleNamespace(axes=[np.arange(3.0)] * 2))}
     course = SimpleNamespace(

@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 
 from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
-from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import open_results
-from farhorizon.files.results_layout import Caution
+from farhorizon.files.results_layout import Caution, Regions
 from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import fields, movie
 from farhorizon.pictures import result_pictures as drawing

@@ -8,7 +8,7 @@ import pytest
 
 from farhorizon import InputError
 from farhorizon.cli import main
-from farhorizon.papers.reproductions import REPRODUCTIONS
+from farhorizon.papers import REPRODUCTIONS
 from farhorizon.studies.collection import Collection, Comparison, Outcome, Row, Setting, outcome_table
 from outputs import written
 
@@ -104,7 +104,7 @@ def test_no_name_has_two_meanings():
 def test_exit_code(ours, reason, code, monkeypatch, capsys, tmp_path):
     """1 where a number of any entry is missed without a reason; the file of several entries is by name."""
     collection = series(Outcome([Row("a", 1.0, 1.0)]), Outcome([Row("b", ours, 1.0, reason=reason)]))
-    monkeypatch.setattr("farhorizon.papers.reproductions.REPRODUCTIONS", collection)
+    monkeypatch.setattr("farhorizon.papers.REPRODUCTIONS", collection)
     given = ["--out", str(tmp_path), "--json", str(tmp_path / "f.json")]
     assert main(["reproduce", "paper", *given]) == code
     assert ("no known reason: paper-table1, b" in capsys.readouterr().out) == (code == 1)
@@ -134,7 +134,7 @@ def test_readings_of_the_paper_are_printed(monkeypatch, capsys, tmp_path):
     collection.enter("paper-table1", "A paper", "A table", readings=("a is open",))(
         lambda folder: Outcome([Row("a", 1.0)])
     )
-    monkeypatch.setattr("farhorizon.papers.reproductions.REPRODUCTIONS", collection)
+    monkeypatch.setattr("farhorizon.papers.REPRODUCTIONS", collection)
     assert main(["reproduce", "paper-table1", "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
     assert "reading of the paper: a is open" in capsys.readouterr().out
     assert written(tmp_path / "f.json", "reproduce")["readings"] == ["a is open"]

@@ -11,6 +11,7 @@ from farhorizon import InputError
 from farhorizon.analysis.fracture.opening import opening_intensity
 from farhorizon.cli import main
 from farhorizon.validation import (
+    VALIDATIONS,
     cross_sections,
     dissolution,
     explosion,
@@ -22,7 +23,6 @@ from farhorizon.validation import (
     stress_intensity,
     thermal_shock,
 )
-from farhorizon.validation.validations import VALIDATIONS
 from outputs import written
 
 DOCS = Path(__file__).parents[2] / "docs"

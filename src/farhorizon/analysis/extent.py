@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.references.infinite import undisturbed, wave_travel
+from farhorizon.analysis.references.infinite_lattice import undisturbed, wave_travel
 from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
 

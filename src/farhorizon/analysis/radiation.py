@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.analysis.wave_surface import along, carried_band, outgoing
 from farhorizon.errors import InputError
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.analysis.half_space import Column, HalfSpace
-from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.analysis.references.pulse import (
     PlanePulse,
     TravellingWaves,

@@ -15,8 +15,7 @@ from pydantic import ValidationError
 from farhorizon import kinds
 from farhorizon import public as fh
 from farhorizon.arguments import ANY, FIELD, RATE
-from farhorizon.case.case_model import model_of, models_in, named_materials
-from farhorizon.case.case_setup import recorders_of, setup_of
+from farhorizon.case.build import model_of, models_in, named_materials, recorders_of, setup_of
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
 from farhorizon.case.reading import Reader
@@ -24,7 +23,7 @@ from farhorizon.case.schema import UnitsPart, case_part, tables, tag_of, unit_of
 from farhorizon.case.toml import document
 from farhorizon.case.units import Units, unit
 from farhorizon.errors import FileFormatError, InputError
-from farhorizon.files.region_numbers import Regions
+from farhorizon.files.results_layout import Regions
 from farhorizon.geometry.lattice import AXES
 from farhorizon.simulation.processes.subdomain import checked_topology
 from farhorizon.simulation.recorders.quantities import QUANTITIES, fields_of

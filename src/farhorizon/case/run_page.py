@@ -13,8 +13,8 @@ from farhorizon.case.case import Case
 from farhorizon.checks.certificate import Certificate
 from farhorizon.files.html import listed, page, picture, preformatted, table
 from farhorizon.files.provenance import computed_with
-from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import Results
+from farhorizon.files.results_layout import Regions
 from farhorizon.files.storage import replacing
 from farhorizon.simulation.run import Run
 

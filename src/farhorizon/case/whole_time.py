@@ -12,9 +12,8 @@ from farhorizon.case.case import Case
 from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.checks.report import Report, seconds
 from farhorizon.machine import without_collection
-from farhorizon.simulation.examination import modes_budget
 from farhorizon.simulation.recorders.quantities import fields_of
-from farhorizon.simulation.run import Run
+from farhorizon.simulation.run import Run, modes_budget
 from farhorizon.simulation.time.output import RunResults
 
 _PANELS = 4  # panels of a picture

@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from farhorizon.analysis.references.infinite import undisturbed
+from farhorizon.analysis.references.infinite_lattice import undisturbed
 from farhorizon.boundaries import Fixed, LatticePML
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.state import as_before

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 def reproduce_command(options: argparse.Namespace) -> int:
-    from farhorizon.papers.reproductions import REPRODUCTIONS
+    from farhorizon.papers import REPRODUCTIONS
 
     return _list_or_compute(REPRODUCTIONS, options)
 
 
 def validate_command(options: argparse.Namespace) -> int:
-    from farhorizon.validation.validations import VALIDATIONS
+    from farhorizon.validation import VALIDATIONS
 
     return _list_or_compute(VALIDATIONS, options)
 

@@ -225,7 +225,7 @@ def _entry(sub: argparse.ArgumentParser, names: Callable[[], list[str]]) -> None
 
 def _reproduction(sub: argparse.ArgumentParser) -> None:
     def names() -> list[str]:
-        from farhorizon.papers.reproductions import REPRODUCTIONS
+        from farhorizon.papers import REPRODUCTIONS
 
         return REPRODUCTIONS.names()
 
@@ -235,7 +235,7 @@ def _reproduction(sub: argparse.ArgumentParser) -> None:
 
 def _validation(sub: argparse.ArgumentParser) -> None:
     def names() -> list[str]:
-        from farhorizon.validation.validations import VALIDATIONS
+        from farhorizon.validation import VALIDATIONS
 
         return VALIDATIONS.names()
 

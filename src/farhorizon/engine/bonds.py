@@ -25,7 +25,6 @@ from farhorizon.engine.layout import doubles, ints, reals
 from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, TileAddresses, TileShape, call_bonds, call_steepness
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.tables import Material
-from farhorizon.engine.threads import barrier
 
 PLAIN, DAMAGED = 0, 1
 #: State of a tile in a state-based medium: no bond broken; some broken; some just broken; none broken, but cut ones may
@@ -358,42 +357,6 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                         broken = bonds.broken[i0, tile_row]
                         add_broken(stage, material, bonds, kept, node, block[5], count, n, broken)
                 number += 1
-
-
-@njit(error_model="numpy", cache=True, entry=False)
-def add_work(thread, stage, work, inputs, times):
-    """Add the work of the sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
-    nodes, fields = inputs.source_nodes, inputs.source_fields
-    for chunk in range(thread.number, (nodes.size + CHUNK - 1) // CHUNK, thread.threads):
-        for j in range(fields.shape[0]):
-            for i in range(chunk * CHUNK, min(nodes.size, (chunk + 1) * CHUNK)):
-                change = np.float64(stage.out[nodes[i]]) - np.float64(stage.base[nodes[i]])
-                work[chunk] += 0.5 * times[j] * fields[j, i] * change
-    barrier(thread)  # the next sweep overwrites the older level
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def hold_nodes(thread, stage, work, mobility, inputs, step):
-    """Set prescribed nodes to their values after a step. The constraint force follows from the difference to where the
-    nodes would have moved freely; it and its work are recorded if wanted.
-    """
-    held, places, values = inputs.held, stage.out.size // stage.components, inputs.held_values[step]
-    kept = step < inputs.held_forces.shape[0]
-    for chunk in range(thread.number, (held.size + CHUNK - 1) // CHUNK, thread.threads):
-        for i in range(chunk * CHUNK, min(held.size, (chunk + 1) * CHUNK)):
-            node = held[i]
-            free = np.float64(stage.out[node])
-            stage.out[node] = values[i]
-            if work.size or kept:
-                now = np.float64(stage.out[node])
-                mobile = np.float64(mobility[node % places]) if mobility.size else 1.0
-                force = (now - free) / (stage.scale * mobile)
-                if work.size:
-                    work[chunk] += 0.5 * force * (now - np.float64(stage.base[node]))
-                if kept:
-                    inputs.held_forces[step, i] = force
-            if stage.increments:
-                stage.base[node] = stage.out[node] - stage.src[node]
 
 
 @njit(error_model="numpy", cache=True, entry=False)

@@ -12,7 +12,6 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.dampers import DamperTables
@@ -25,6 +24,7 @@ from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import SLACK, Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.media import media_of
+from farhorizon.engine.missing_bonds import AbsentBonds
 from farhorizon.engine.operations import (
     FURTHER_PASSES,
     SEND,

@@ -22,6 +22,7 @@ from farhorizon.engine.field import Field
 from farhorizon.engine.layer_passes import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros, with_defaults
+from farhorizon.engine.missing_bonds import law_rows, surface_of
 from farhorizon.engine.operations import layered_states, state_operations
 from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_rows
@@ -29,7 +30,6 @@ from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.shape_tensors import harmonic_eigenvalue
 from farhorizon.engine.stretches import Stretches, stretches_of, without_bonds
-from farhorizon.engine.surface import law_rows, surface_of
 from farhorizon.engine.tables import Cuts, Pass, Sweep
 from farhorizon.errors import InputError
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.bonds import StateBonds, add_work, bond_factor, bond_gap, hold_nodes
+from farhorizon.engine.bonds import CHUNK, StateBonds, bond_factor, bond_gap
 from farhorizon.engine.damage import break_bonds, redo_damaged
 from farhorizon.engine.dampers import move_dampers
 from farhorizon.engine.drag import drag_along, take_increments
@@ -443,3 +443,39 @@ def add_thermal_forces_beyond(thread, stage, sums, tables, inputs, step, number)
 def step_thermal_strains(thread, stage, sums, tables, inputs, step, number):
     """Advance the thermal strains to those of the next step."""
     advance_thermal_strains(thread, tables.heat)
+
+
+@njit(error_model="numpy", cache=True, entry=False)
+def add_work(thread, stage, work, inputs, times):
+    """Add the work of the sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
+    nodes, fields = inputs.source_nodes, inputs.source_fields
+    for chunk in range(thread.number, (nodes.size + CHUNK - 1) // CHUNK, thread.threads):
+        for j in range(fields.shape[0]):
+            for i in range(chunk * CHUNK, min(nodes.size, (chunk + 1) * CHUNK)):
+                change = np.float64(stage.out[nodes[i]]) - np.float64(stage.base[nodes[i]])
+                work[chunk] += 0.5 * times[j] * fields[j, i] * change
+    barrier(thread)  # the next sweep overwrites the older level
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def hold_nodes(thread, stage, work, mobility, inputs, step):
+    """Set prescribed nodes to their values after a step. The constraint force follows from the difference to where the
+    nodes would have moved freely; it and its work are recorded if wanted.
+    """
+    held, places, values = inputs.held, stage.out.size // stage.components, inputs.held_values[step]
+    kept = step < inputs.held_forces.shape[0]
+    for chunk in range(thread.number, (held.size + CHUNK - 1) // CHUNK, thread.threads):
+        for i in range(chunk * CHUNK, min(held.size, (chunk + 1) * CHUNK)):
+            node = held[i]
+            free = np.float64(stage.out[node])
+            stage.out[node] = values[i]
+            if work.size or kept:
+                now = np.float64(stage.out[node])
+                mobile = np.float64(mobility[node % places]) if mobility.size else 1.0
+                force = (now - free) / (stage.scale * mobile)
+                if work.size:
+                    work[chunk] += 0.5 * force * (now - np.float64(stage.base[node]))
+                if kept:
+                    inputs.held_forces[step, i] = force
+            if stage.increments:
+                stage.base[node] = stage.out[node] - stage.src[node]

@@ -33,8 +33,17 @@ from farhorizon.files.hdf5 import (
 from farhorizon.files.parts import Box, folder_of, make_room, part_path, stored_slices
 from farhorizon.files.polylines import lines_in, write_vtp
 from farhorizon.files.records import Recorded, variables_of
-from farhorizon.files.region_numbers import FIELD, OUTSIDE
-from farhorizon.files.results_layout import Caution, Layout, counts_of, make_field, stored_boxes, table_in, vtk_shape
+from farhorizon.files.results_layout import (
+    FIELD,
+    OUTSIDE,
+    Caution,
+    Layout,
+    counts_of,
+    make_field,
+    stored_boxes,
+    table_in,
+    vtk_shape,
+)
 from farhorizon.files.results_writer import ResultsWriter, check_replaceable
 from farhorizon.files.storage import created
 

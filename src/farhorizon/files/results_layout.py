@@ -38,10 +38,14 @@ from farhorizon.files.hdf5 import (
     words_in,
 )
 from farhorizon.files.parts import Box, lay_out
-from farhorizon.files.region_numbers import FIELD
 
 FORMAT = "farhorizon results"
 RESULTS_VERSION = 2
+FIELD = "region"
+"""Name of the regions among the point data, under which ParaView lists them."""
+OUTSIDE = -1
+"""Region number of nodes that do not exist, outside a body or a window."""
+_NAMED = 6  # most regions named in a row of a report
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for other things.
 RESERVED = frozenset(
     f"time step {FIELD} x y z energy history_time probe probe_time probe_x probe_y probe_z probe_values probes balance "
@@ -260,3 +264,17 @@ def chunk_of(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
 def stored_boxes(boxes: Sequence[Box]) -> np.ndarray:
     """Boxes of parts as a layout has them."""
     return np.array(boxes, np.int64) if len(boxes) else np.zeros((0, 0, 2), np.int64)
+
+
+class Regions(NamedTuple):
+    """Regions of nodes of the same material."""
+
+    numbers: np.ndarray  # of the lattice's shape, int32: each node's region, from 0 on; -1 where there is no node
+    names: tuple[str, ...]  # of the materials, by number
+
+    def __str__(self) -> str:
+        """The largest regions with their numbers of nodes, and how many more there are."""
+        counts = np.bincount(self.numbers[self.numbers >= 0], minlength=len(self.names))
+        named = [f"{name} ({count} nodes)" for name, count in zip(self.names[:_NAMED], counts.tolist(), strict=False)]
+        more = len(self.names) - _NAMED
+        return "; ".join(named + [f"{more} more"] * (more > 0))

@@ -26,11 +26,12 @@ from farhorizon.files.hdf5 import (
 from farhorizon.files.parts import Box, make_room, parts_of
 from farhorizon.files.polylines import Lines, put_lines
 from farhorizon.files.records import Recorded
-from farhorizon.files.region_numbers import FIELD, Regions
 from farhorizon.files.results_layout import (
+    FIELD,
     RESERVED,
     Caution,
     Layout,
+    Regions,
     checked_group,
     chunk_of,
     counts_of,

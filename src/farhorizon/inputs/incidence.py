@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.analysis.surface_pulses import FreeSurface
 from farhorizon.arguments import Registered
 from farhorizon.errors import InputError, shown

@@ -22,8 +22,8 @@ import numpy as np
 
 from farhorizon import Flux, Free, Heat, Insulated, Kernel, Lattice, RungeKuttaChebyshev, Simulation, Temperature
 from farhorizon.analysis.references.classical import End, Slab
+from farhorizon.papers import LINE, reproduction
 from farhorizon.papers.horizons import Study, over_horizons
-from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = "Bobaru, Duangpanya (2010), The peridynamic formulation for transient heat conduction"

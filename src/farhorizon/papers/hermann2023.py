@@ -40,8 +40,8 @@ from farhorizon import (
     UnstableError,
     Wave,
 )
+from farhorizon.papers import LINE, SHADE, reproduction
 from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, measured_run
-from farhorizon.papers.reproductions import LINE, SHADE, reproduction
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = (

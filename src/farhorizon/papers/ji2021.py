@@ -20,9 +20,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from farhorizon.analysis.exact.chain import Recursion, force_form, fronts, ghost_kernel, symbol
+from farhorizon.papers import LINE, reproduction
 from farhorizon.papers.bar import Bar, bonds_of
 from farhorizon.papers.bar_loops import bar_acceleration, recursive_impulse
-from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = (

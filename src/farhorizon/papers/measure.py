@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import Certificate, Side, Simulation, UnstableError
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 
 _SECONDS = 8.0  # time limit of a certificate
 _CLOSELY = 200  # number of first steps after each of which the norm is recorded: fast growth soon overflows

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from farhorizon import Diffusion, Fixed, Free, Kernel, Lattice, LatticePML, PlaneWave, Side, Stencil
+from farhorizon.papers import LINE, reproduction
 from farhorizon.papers.measure import Measured, Reference, infinite, measured_run, stability_note
-from farhorizon.papers.reproductions import LINE, reproduction
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
 PAPER = (

@@ -32,8 +32,8 @@ from farhorizon import (
     Specimen,
     Text,
 )
-from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.papers.reproductions import SHADE, reproduction
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
+from farhorizon.papers import SHADE, reproduction
 from farhorizon.papers.shojaei2020 import PAPER
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 
@@ -350,8 +350,7 @@ def _pictures(
     folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]
 ) -> list[Path]:
     from farhorizon.pictures.curves import error_history
-    from farhorizon.pictures.fields import field_panels, gradient_panels
-    from farhorizon.pictures.fronts import front
+    from farhorizon.pictures.fields import field_panels, front, gradient_panels
     from farhorizon.pictures.panels import Look, Panel
 
     first = next(iter(runs))

@@ -30,9 +30,9 @@ from farhorizon import (
     Traction,
     UnstableError,
 )
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.analysis.references.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
-from farhorizon.papers.reproductions import LINE, reproduction
+from farhorizon.papers import LINE, reproduction
 from farhorizon.papers.split_fields import Gradient, SplitFields
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from farhorizon.files.region_numbers import Regions
+from farhorizon.files.results_layout import Regions
 from farhorizon.pictures.style import RIM, number_text, with_unit, wrapped
 
 _COARSE = 100  # nodes along an axis; with more, single pixels are hardly visible

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.files.region_numbers import Regions
+from farhorizon.files.results_layout import Regions
 from farhorizon.pictures.deformed import deformed_panels
-from farhorizon.pictures.fields import field_panels, slice_panels
-from farhorizon.pictures.fronts import front
+from farhorizon.pictures.fields import field_panels, front, slice_panels
 from farhorizon.pictures.histories import history_pictures
 from farhorizon.pictures.isosurfaces import isosurface_panels
 from farhorizon.pictures.movie import movie

@@ -13,7 +13,6 @@ from farhorizon.boundaries import ExactEnds, OutlineCondition, Side
 from farhorizon.engine.settings import set_drag
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
-from farhorizon.inputs.exterior import Exterior, changes
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
@@ -36,6 +35,7 @@ from farhorizon.simulation.setup.validation import (
     check_variation,
 )
 from farhorizon.simulation.sides.extension import Emitters, extend
+from farhorizon.simulation.sides.exterior import Exterior, changes
 from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
 from farhorizon.simulation.sides.surfaces import check_conditions, hold_and_damp

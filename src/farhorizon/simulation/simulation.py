@@ -36,7 +36,7 @@ from farhorizon.simulation.recorders.running_cracks import with_energy_factor
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.setup.modified_setups import evaluated_setup, remade_setup, shortened_setup
 from farhorizon.simulation.setup.setup import Key, Setup, side_name
-from farhorizon.simulation.setup.thin_bodies import thin_note
+from farhorizon.simulation.setup.surface_effect import thin_note
 from farhorizon.simulation.sides.layer_choice import default_length
 from farhorizon.simulation.sides.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
 from farhorizon.simulation.time.breaking import look_at

@@ -12,7 +12,7 @@ from typing import Any, Literal, NotRequired
 import numpy as np
 from typing_extensions import TypedDict
 
-from farhorizon.analysis.references.infinite import InfiniteLattice, undisturbed
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice, undisturbed
 from farhorizon.boundaries import Exact, Fixed, Free, LatticePML
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice

@@ -42,7 +42,7 @@ import numpy as np
 
 from farhorizon import Elastic, Kernel, Lattice, LatticePML, Polyline, Simulation, Source, StressIntensity
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 IMPACT = "Lee, Freund (1990), Fracture initiation due to asymmetric impact loading of an edge cracked plate"
 LENGTH = 1.0  # length l of the crack

@@ -37,7 +37,7 @@ from farhorizon import (
     Wave,
 )
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 SERIES = "Bowman, Senior, Uslenghi (1969), Electromagnetic and Acoustic Scattering"
 CAVITY = "Pao, Mow (1973), Diffraction of Elastic Waves"

@@ -21,7 +21,7 @@ from scipy.special import erf, erfc
 
 from farhorizon import Box, Corrosion, Fixed, Free, Kernel, Lattice, LatticePML, Simulation, Specimen
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 PITS = (
     "Scheiner, Hellmich (2007), Stable pitting corrosion of stainless steel as diffusion-controlled dissolution process"

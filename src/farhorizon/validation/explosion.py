@@ -24,7 +24,7 @@ from scipy.special import spherical_jn
 
 from farhorizon import Elastic, Lattice, LatticePML, Simulation, Source, Step
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 CENTRE = "Aki, Richards (2002), Quantitative Seismology"
 BREADTH = 1.0  # standard deviation of the Gaussian

@@ -19,7 +19,7 @@ import numpy as np
 from farhorizon import Elastic, Kernel, calibrated_stretch
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.studies.toughness import RunningCrack, rayleigh_speed, running_crack
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
 ENERGY = 2e-4

@@ -48,7 +48,7 @@ import numpy as np
 
 from farhorizon import Box, Lattice, LatticePML, PointSource, Prescribed, Simulation, Spectra, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 CRACK = "Sharma (2015), Diffraction of waves on square lattice by semi-infinite crack"
 LINE = "Sharma (2015), Diffraction of waves on square lattice by semi-infinite rigid constraint"

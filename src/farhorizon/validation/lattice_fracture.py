@@ -51,7 +51,7 @@ from scipy.special import erf, gamma
 
 from farhorizon import Crack, Lattice, LatticePML, Simulation, Source, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 STEADY = "Slepyan (1981), Dynamics of a crack in a lattice"
 SPEEDS = (0.25, 0.4, 0.5, 0.6, 0.7, 0.75)

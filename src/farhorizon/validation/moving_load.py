@@ -21,7 +21,7 @@ import numpy as np
 
 from farhorizon import Elastic, Lattice, LatticeModel, LatticePML, Simulation, Source, Stencil, Wave
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 CONES = "Cole, Huth (1958), Stresses produced in a half plane by moving loads"
 BREADTH = 1.0  # standard deviation of the load

@@ -22,7 +22,7 @@ from scipy.special import j0
 
 from farhorizon import Exact, Extended, Kernel, Lattice, LatticePML, Side, Simulation, Wave
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 BAR = "Weckner, Abeyaratne (2005), The effect of long-range forces on the dynamics of a bar"
 WIDTH = 2.0  # w in spacings

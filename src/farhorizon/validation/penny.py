@@ -19,7 +19,7 @@ import numpy as np
 
 from farhorizon import Crack, Diffusion, DiscCut, Lattice, LatticePML, RungeKuttaChebyshev, Simulation, Source, Stencil
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 HEAT = "Sneddon (1946), The distribution of stress in the neighbourhood of a crack in an elastic solid"
 RADIUS = 0.5

@@ -21,8 +21,8 @@ import numpy as np
 
 from farhorizon import Ball, Box, Elastic, Kernel, Lattice, LatticePML, Pressure, Simulation, Step
 from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation import validation
 from farhorizon.validation.explosion import against_exact
-from farhorizon.validation.validations import validation
 
 SHARPE = "Sharpe (1942), The production of elastic waves by explosion pressures"
 RADIUS = 1.0

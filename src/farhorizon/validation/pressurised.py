@@ -30,8 +30,8 @@ from farhorizon import (
 )
 from farhorizon.analysis.fracture.opening import face_jumps, opening_intensity
 from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation import validation
 from farhorizon.validation.penny import draw_profile
-from farhorizon.validation.validations import validation
 
 SNEDDON = "Griffith (1921); Sneddon (1946), The distribution of stress in the neighbourhood of a crack"
 SIZE = 4.0  # half length, and radius

@@ -26,7 +26,7 @@ import numpy as np
 from farhorizon import Elastic, Kernel, Lattice, LatticePML, Polyline, Pressure, Simulation, Source, Stencil, Step, Wave
 from farhorizon.analysis.fracture.opening import opening_intensity
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 CRACK = "Freund (1990), Dynamic fracture mechanics; Achenbach (1973), Wave propagation in elastic solids"
 HALF_LENGTH = 8.0  # a

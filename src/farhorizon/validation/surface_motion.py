@@ -33,7 +33,7 @@ import numpy as np
 
 from farhorizon import Elastic, Free, Kernel, Lattice, LatticePML, MomentTensor, Receivers, Simulation, Source, Step
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 BLAST = "Garvin (1956), Exact transient solution of the buried line source problem"
 DEPTH = 1.0  # of the charges, h

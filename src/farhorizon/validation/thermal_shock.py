@@ -40,7 +40,7 @@ from farhorizon import (
     Thermoelastic,
 )
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.validations import validation
+from farhorizon.validation import validation
 
 SHOCK = "Danilovskaya (1950), Thermal stresses in an elastic half-space due to a sudden heating of its boundary"
 POISSON = 0.25

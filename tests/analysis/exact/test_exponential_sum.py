@@ -7,7 +7,7 @@ from chains import BAR, BEAM, gaussian_weights, recursion_at
 from farhorizon import InputError, Stencil
 from farhorizon.analysis.exact.chain import Recursion, force_form, ghost_kernel, largest_angle
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum, compress, force_error
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.medium.integrators import Verlet
 from farhorizon.papers.bar import Bar
 

@@ -12,8 +12,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.radiation import squared_frequency, waves_sent
-from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice, Scheme
 from farhorizon.simulation.recorders import far_field
 
 _SCALAR = fh.Kernel(horizon=2.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.setup.thin_bodies import apparent_modulus, thickness_of
+from farhorizon.simulation.setup.surface_effect import apparent_modulus, thickness_of
 
 
 def soft(sim):

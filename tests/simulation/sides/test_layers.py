@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
 from farhorizon.simulation.sides.layered_sides import with_one_filter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.simulation.sides import layer_choice, trials
 from farhorizon.simulation.sides.trials import TrialRuns
 

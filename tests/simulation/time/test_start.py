@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from helpers import lattice_of
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box

@@ -22,8 +22,7 @@ from farhorizon.analysis.radiation import (
     squared_frequency,
     waves_sent,
 )
-from farhorizon.analysis.references.driven import DrivenLattice, Scheme
-from farhorizon.analysis.references.infinite import largest_speed
+from farhorizon.analysis.references.infinite_lattice import DrivenLattice, Scheme, largest_speed
 from farhorizon.arguments import Frequencies, InFile, Points, Toml
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded

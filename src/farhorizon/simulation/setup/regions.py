@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.files.region_numbers import OUTSIDE, Regions
+from farhorizon.files.results_layout import OUTSIDE, Regions
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.setup.reference_medium import constants_of
 

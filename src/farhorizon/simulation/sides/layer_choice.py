@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from farhorizon.analysis.layers import families, short_waves, thickness, tuned_layers
+from farhorizon.analysis.layers import families, short_waves, thickness
 from farhorizon.analysis.layers.thickness import Found, NotKept, Thickness
 from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
@@ -38,10 +38,7 @@ _ENOUGH = 8  # trials for which a smaller copy leaves time: three references, an
 _MEASURE = "'farhorizon compare' measures it"
 
 _PROGRAM = (
-    b"".join(
-        Path(str(module.__file__)).read_bytes()
-        for module in (thickness, families, short_waves, tuned_layers, trial_runs)
-    )
+    b"".join(Path(str(module.__file__)).read_bytes() for module in (thickness, families, short_waves, trial_runs))
     + Path(__file__).read_bytes()
 )
 

@@ -21,8 +21,8 @@ from farhorizon.analysis.layers.thickness import largest_error
 from farhorizon.errors import InputError
 from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.provenance import computed_with
-from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import open_results
+from farhorizon.files.results_layout import Regions
 from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.inputs.cracks import as_crack
 from farhorizon.simulation.processes.process_group import ProcessGroup

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
-from farhorizon.inputs.exterior import Exterior
 from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
 from farhorizon.inputs.loads import Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
@@ -26,6 +25,7 @@ from farhorizon.medium.of_field import OfField
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, keys, side_name
+from farhorizon.simulation.sides.exterior import Exterior
 from farhorizon.simulation.time.outer_loop import warn
 
 # samples of a factor of time for its largest value: how many, the steps that count as early, and the last step

@@ -10,7 +10,6 @@ import numpy as np
 from farhorizon.boundaries import ExactEnds
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
-from farhorizon.inputs.exterior import Exterior
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.sources import check_size, field, widened
 from farhorizon.simulation.heat.solid_and_liquid import placed
@@ -18,6 +17,7 @@ from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup, Sides
+from farhorizon.simulation.sides.exterior import Exterior
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.checks.certificate import CERTIFIED, NOT_CERTIFIED, UNDECIDED, Certificate
-from farhorizon.simulation.examination import Examination
+from farhorizon.simulation.run import Examination
 
 
 @dataclass

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.engine import available_threads
+from farhorizon.engine.missing_bonds import AbsentBonds, law_rows
 from farhorizon.engine.point_law import ALIKE, EACH
 from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.matrices import call_map
 from farhorizon.engine.state import State
-from farhorizon.engine.surface import law_rows
 from helpers import RULES, dense_operator, engine_apply, kernel_stencil, lattice_of
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))

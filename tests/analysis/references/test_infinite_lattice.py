@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.references.driven import DrivenLattice, Scheme
+from farhorizon.analysis.references.infinite_lattice import DrivenLattice, Scheme
 from farhorizon.medium.integrators import Euler, RungeKutta4, Verlet
 from helpers import kernel_stencil, roll_apply
 

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.families import gently_damped, steady_rise, thin
-from farhorizon.analysis.layers.tuned_layers import backward_band, lightly_tuned, tuned_layer
-from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.analysis.layers.families import (
+    backward_band,
+    gently_damped,
+    lightly_tuned,
+    steady_rise,
+    thin,
+    tuned_layer,
+)
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.checks.side_modes import Strip, plain_twin
 from farhorizon.engine.state import State
 
