@@ -18,7 +18,7 @@ from common import run_parts
 
 import farhorizon as fh
 from farhorizon.checks.certificate import Certificate, certify
-from farhorizon.checks.side_modes import crossing_rounds
+from farhorizon.checks.reduced_setups import crossing_rounds
 from farhorizon.engine.state import State
 
 SEED = 2026

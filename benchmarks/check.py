@@ -20,7 +20,7 @@ import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.checks.certificate import BUDGET
 from farhorizon.checks.report import LEAST
-from farhorizon.engine.rows.build import cache_folder
+from farhorizon.engine.codegen.build import cache_folder
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = (

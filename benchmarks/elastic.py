@@ -67,8 +67,8 @@ from farhorizon import (
 )
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.engine.bonds import DAMAGED
+from farhorizon.engine.codegen.vectors import I64, Vectors
 from farhorizon.engine.engine import Engine, Zone, available_threads
-from farhorizon.engine.rows.vectors import I64, Vectors
 
 CHAINS = 16  # independent sums: more than the latency of a multiply-add in cycles times those issued per cycle
 PEAK_STEP = 100_000  # rounds of all chains per timed step

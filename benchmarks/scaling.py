@@ -11,7 +11,7 @@ Each part starts programs one after the other, round by round, and prints median
   many times in turns.
 - messages: time of one message between two processes, in both directions at once, including packing and unpacking: the
   smallest of many times for messages of 168 bytes and of 24 MB; and the part of it that is not hidden by other work.
-  `check --details` predicts efficiencies from these (`farhorizon.simulation.processes.halo_volume`).
+  `check --details` predicts efficiencies from these (`farhorizon.simulation.processes.parallel_prediction`).
 - curves: weak and strong scaling over the numbers of processes (of one thread each) in `--processes`: a table of the
   efficiencies and of the bytes that a process sends, and with `--plot FILE` a plot. Runs only on request.
 
@@ -152,8 +152,8 @@ def left_of(exchange: Any, level: Any, meanwhile: float) -> float:
     """
     from mpi4py import MPI
 
+    from farhorizon.engine.codegen.exchanges import MOVES, RECEIVES, SENDS, TABLE
     from farhorizon.engine.exchange import LEVEL
-    from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE
 
     numbers = exchange.numbers[LEVEL, 1].tolist()
     kind = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)

@@ -24,7 +24,7 @@ from farhorizon.analysis.layers.profiles import largest_gain
 from farhorizon.analysis.layers.reflection import layer_amplitudes
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
-from farhorizon.checks.side_modes import Strip
+from farhorizon.checks.reduced_setups import Strip
 
 ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0, 2.4, np.pi]  # tangential wavenumbers times spacing
 CROSSINGS = 4

@@ -17,9 +17,9 @@ from farhorizon.engine.damage import STATES_AGAIN
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import Filter
-from farhorizon.engine.passes import Passes
 from farhorizon.engine.shape_tensors import stress_left
 from farhorizon.engine.tables import Inputs, Material, Stage
+from farhorizon.engine.two_pass import Passes
 from stretched_shifts import StretchedShifts
 
 

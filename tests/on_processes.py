@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import farhorizon as fh
 from farhorizon.cli import main
-from farhorizon.simulation.processes.halo_volume import halo_bytes, halo_numbers
+from farhorizon.simulation.processes.parallel_prediction import halo_bytes, halo_numbers
 
 WORLD, FOLDER, SIZE = MPI.COMM_WORLD, Path(sys.argv[1]), sys.argv[2]
 #: The first two processes of four, and the first one.

@@ -18,7 +18,7 @@ ORDER = (
     "machine",
     "files",  # formats on disk, no physics
     "pictures",  # arrays to PNG
-    "engine.rows",
+    "engine.codegen",
     "engine",  # compiled loops over addresses, no physics
     "geometry",  # where: regions, cuts, nodes
     "medium",  # the operator and its time step
@@ -52,7 +52,7 @@ BESIDE_PUBLIC = (
     "analysis.references",  # exact solutions, with which runs are compared
     "analysis.fracture.opening",  # the intensity that follows from the opening of a crack
     "analysis.exact",  # kernels of a half-infinite chain, which Ji et al. (2021) derive
-    "engine.rows.compiled",  # Numba's decorator, for the bar of that paper
+    "engine.codegen.compiled",  # Numba's decorator, for the bar of that paper
 )
 
 
@@ -206,5 +206,5 @@ def test_a_circle_is_seen():
 
 
 def test_rooms_of_rooms():
-    names = ("", ".engine.engine", ".engine.rows.vectors", ".analysis", ".cli")
-    assert [room_of(f"farhorizon{name}") for name in names] == ["", "engine", "engine.rows", "analysis", "cli"]
+    names = ("", ".engine.engine", ".engine.codegen.vectors", ".analysis", ".cli")
+    assert [room_of(f"farhorizon{name}") for name in names] == ["", "engine", "engine.codegen", "analysis", "cli"]

@@ -87,7 +87,7 @@ from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaCheby
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials
 from farhorizon.medium.of_field import OfField as OfField
-from farhorizon.medium.scatter import Weibull as Weibull
+from farhorizon.medium.random_constants import Weibull as Weibull
 from farhorizon.medium.stencil import Stencil as Stencil
 from farhorizon.models import Beam as Beam
 from farhorizon.models import Correspondence as Correspondence

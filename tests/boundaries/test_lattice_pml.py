@@ -8,7 +8,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
-from farhorizon.checks.side_modes import plain_twin
+from farhorizon.checks.reduced_setups import plain_twin
 from farhorizon.studies.compare import compare
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))

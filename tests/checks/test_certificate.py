@@ -10,7 +10,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.checks import certificate as certificates
 from farhorizon.checks.certificate import _side_part, certify
-from farhorizon.checks.side_modes import plain_twin
+from farhorizon.checks.reduced_setups import plain_twin
 from farhorizon.cli import main
 from farhorizon.engine.state import State
 from outputs import written

@@ -11,7 +11,7 @@ from farhorizon.analysis.resolution import faded
 from farhorizon.checks.report import Report, content
 from farhorizon.checks.run_cost import two_digits
 from farhorizon.cli import main
-from farhorizon.engine.rows import notice
+from farhorizon.engine.codegen import compile_notice
 
 CASE = """
 lattice = { spacing = 0.25, lower = [-4.0], upper = [4.0] }
@@ -64,7 +64,7 @@ def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_pat
 def test_what_was_compiled_before_is_no_part_of_the_time(tmp_path, monkeypatch, capsys):
     """When another case was checked in the same process, the total time was once below zero."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(notice._NOTICE, "spent", 1000.0)
+    monkeypatch.setattr(compile_notice._NOTICE, "spent", 1000.0)
     Path("a.toml").write_text(CASE)
     assert "about -" not in told(capsys)[0]
 

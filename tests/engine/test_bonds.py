@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Source
-from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
+from farhorizon.engine.codegen.bond_sweeps import SOFTENINGS
 from farhorizon.medium.fracture import fracture_energy
 from helpers import RULES, lattice_of
 

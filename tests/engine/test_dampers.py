@@ -7,7 +7,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.layers.reflection import LayerSide
-from farhorizon.checks.side_modes import Strip
+from farhorizon.checks.reduced_setups import Strip
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State

@@ -6,7 +6,7 @@ from scipy import special
 
 import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import HighPass
-from farhorizon.checks.side_modes import Strip
+from farhorizon.checks.reduced_setups import Strip
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State

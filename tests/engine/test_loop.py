@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.engine import loop
 from farhorizon.engine import operations as op
-from farhorizon.engine.rows.build import load_program, load_sweep_program
+from farhorizon.engine.codegen.build import load_program, load_sweep_program
 from helpers import lattice_of
 
 WAVE = fh.Wave(fh.Kernel(2.0))

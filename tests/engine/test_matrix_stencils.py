@@ -148,7 +148,7 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
 
     fast = run()
     assert fast.engine.tables.sweep.function
-    monkeypatch.setattr("farhorizon.engine.rows.choose.UNROLLED_LIMIT", 0)
+    monkeypatch.setattr("farhorizon.engine.codegen.choose.UNROLLED_LIMIT", 0)
     slow = run()
     assert not slow.engine.tables.sweep.function
     for name in ("levels", "memory"):

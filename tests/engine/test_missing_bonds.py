@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.matrices import call_map
 from farhorizon.engine.engine import available_threads
 from farhorizon.engine.missing_bonds import AbsentBonds, law_rows
 from farhorizon.engine.point_law import ALIKE, EACH
-from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.matrices import call_map
 from farhorizon.engine.state import State
 from helpers import RULES, dense_operator, engine_apply, kernel_stencil, lattice_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.checks.side_modes import Strip
+from farhorizon.checks.reduced_setups import Strip
 from farhorizon.engine.state import State
 
 

@@ -10,12 +10,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from farhorizon.engine.rows import build
+from farhorizon.engine.codegen import build
 from farhorizon.files import cache
 
 MODULE = """
 from numba import types
-from farhorizon.engine.rows.compiled import cfunc, njit
+from farhorizon.engine.codegen.compiled import cfunc, njit
 
 @njit(cache=True)
 def double(x):
@@ -131,7 +131,7 @@ def test_damaged_generated_programs_are_written_again(tmp_path, monkeypatch, dam
 def test_half_a_module_is_none(tmp_path, monkeypatch):
     """A module whose import was interrupted is imported again."""
     monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
-    text = "from farhorizon.engine.rows import build\nif build.CUT_SHORT:\n    raise KeyboardInterrupt\nVALUE = 1\n"
+    text = "from farhorizon.engine.codegen import build\nif build.CUT_SHORT:\n    raise KeyboardInterrupt\nVALUE = 1\n"
     monkeypatch.setattr(build, "CUT_SHORT", True, raising=False)
     with pytest.raises(KeyboardInterrupt):
         build._load_file("rows_cut_short", text)

@@ -10,7 +10,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
-from farhorizon.checks.side_modes import Strip
+from farhorizon.checks.reduced_setups import Strip
 from farhorizon.engine.state import State
 from farhorizon.medium.solids import central, correspondence, dilatation
 from helpers import fitted_rate, half_space_error, lattice_of, roll_apply

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import farhorizon as fh
 from farhorizon.case.case import Case
-from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
+from farhorizon.engine.codegen.bond_sweeps import SOFTENINGS
 from farhorizon.medium.fracture import fracture_energy
 from helpers import fitted_rate
 

@@ -31,9 +31,9 @@ from farhorizon.analysis.stability import (
 )
 from farhorizon.boundaries import Fixed
 from farhorizon.boundaries.plane_wave import largest_update
-from farhorizon.checks import side_modes as strips
+from farhorizon.checks import reduced_setups as strips
 from farhorizon.checks.examined import Examined
-from farhorizon.checks.side_modes import (
+from farhorizon.checks.reduced_setups import (
     NARROW,
     Strip,
     crossing_rounds,

@@ -40,8 +40,8 @@ from farhorizon.checks.facts import (
     size_rows,
     wave_rows,
 )
+from farhorizon.checks.reduced_setups import Strip
 from farhorizon.checks.run_cost import RunCost, extended_run_cost, layered, run_cost, seconds_near_breaking, two_digits
-from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.files.html import listed, preformatted, table

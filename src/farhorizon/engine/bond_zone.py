@@ -25,12 +25,12 @@ from farhorizon.engine.bonds import (
     all_bits,
     factors_of,
 )
+from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS, BondLaw
+from farhorizon.engine.codegen.build import load_rows
 from farhorizon.engine.field import Field
 from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
-from farhorizon.engine.rows.bond_sweeps import LANES, ROWS, BondLaw
-from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.thermal_strain import add_traces, add_traces_of_states
 
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)

@@ -21,9 +21,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.bond_sweeps import (
+    LANES,
+    PLACES,
+    ROWS,
+    TileAddresses,
+    TileShape,
+    call_bonds,
+    call_steepness,
+)
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import doubles, ints, reals
-from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, TileAddresses, TileShape, call_bonds, call_steepness
-from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.tables import Material
 
 PLAIN, DAMAGED = 0, 1

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.codegen.compiled import njit
 
 _CHUNK = 512  # number of nodes whose increments stay in the first-level cache while the bonds are summed
 

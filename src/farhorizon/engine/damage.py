@@ -30,9 +30,9 @@ from farhorizon.engine.bonds import (
     strain_of_heat,
     sweep_tiles,
 )
+from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.point_law import first_special
-from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
-from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.shape_tensors import FACE, SINGULAR
 from farhorizon.engine.threads import barrier
 

@@ -26,9 +26,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.vector_operations import fetch, move_masses
 from farhorizon.engine.layout import SLACK, Layout
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.runs import fetch, move_masses
 from farhorizon.engine.threads import barrier, chunk_of
 
 # limits where a step is too long: of the frequency, relative to the largest one of the scheme, and of the width

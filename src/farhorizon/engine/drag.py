@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import is_set
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import doubles, ints, reals
-from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
 
 

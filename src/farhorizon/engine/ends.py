@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import doubles, ints
-from farhorizon.engine.rows.compiled import njit
 
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 

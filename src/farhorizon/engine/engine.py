@@ -14,11 +14,15 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
+from farhorizon.engine.codegen.build import load_program
+from farhorizon.engine.codegen.matrices import Signs, signs_of
+from farhorizon.engine.codegen.structs import Struct
 from farhorizon.engine.dampers import DamperTables
+from farhorizon.engine.derivative_pml import Stretches
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, Exchange
 from farhorizon.engine.field import first_tables, numbers_of
-from farhorizon.engine.layer_passes import LayerPass, drag_pass, heat_passes
+from farhorizon.engine.layer_operators import LayerPass, drag_pass, heat_passes
 from farhorizon.engine.layer_tables import LayerSetup, LayerTables
 from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import SLACK, Layout, aligned, aligned_zeros
@@ -28,24 +32,22 @@ from farhorizon.engine.missing_bonds import AbsentBonds
 from farhorizon.engine.operations import (
     FURTHER_PASSES,
     SEND,
+    Asked,
     Operation,
     Tables,
+    asked_by,
     beginning_operations,
     check_room,
     once,
+    operations_of,
     operator_operations,
     sweep_operations,
     without_contact,
     without_heat,
 )
-from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER
-from farhorizon.engine.repeats import Repeats
-from farhorizon.engine.rows.build import load_program
-from farhorizon.engine.rows.matrices import Signs, signs_of
-from farhorizon.engine.rows.structs import Struct
-from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Inputs, Stage
+from farhorizon.engine.two_pass import Passes, StateSums
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -245,7 +247,7 @@ class Engine:
         self.record_nodes(np.zeros(0, np.int64))
         self.watch_stride = 1
         self.held_forces, self.forces_wanted = np.zeros((0, 0)), False
-        self._repeats = Repeats()
+        self._call_cache = CallCache()
         self._compiled_loop = CompiledLoop()
         self._prepared: dict[tuple[Any, ...], _Prepared] = {}
         self.loop = None
@@ -483,7 +485,7 @@ class Engine:
 
     def _no_inputs(self, steps: int) -> Inputs:
         """Return inputs without sources for a number of steps; prescribed values are zero."""
-        inputs = self._repeats.nothing(steps, self.tables, self.held, self._watched, self.watch_stride)
+        inputs = self._call_cache.zero_inputs(steps, self.tables, self.held, self._watched, self.watch_stride)
         return inputs._replace(before=self.steps_done)
 
     def sweep_in_pieces(self, rows: int) -> None:
@@ -520,7 +522,7 @@ class Engine:
         check_room(self.tables, inputs, steps)
         if self.exchange is not None:
             self.exchange.agree((steps,))
-        tables = self._repeats.planned(self.tables, inputs)
+        tables = self._call_cache.planned(self.tables, inputs)
         if self.loop is None:
             self._compiled_loop(steps, self.phase, self.levels, tables, inputs, self.threads)
         else:
@@ -628,3 +630,61 @@ class _Prepared:
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:
     """Return the same layers with the part of another memory that begins at `start`."""
     return layers._replace(memory=memory[start : start + layers.memory.size])
+
+
+class CallCache:
+    """Keeps inputs and tables for the next call, which usually needs the same ones: certificates call the loop tens of
+    thousands of times, for one step without any inputs each.
+    """
+
+    def __init__(self) -> None:
+        self._room: dict[str, np.ndarray] = {}
+        self._zero_inputs: tuple[tuple[Any, ...], Inputs] | None = None
+        self._planned: tuple[Tables, Asked, Tables] | None = None
+
+    def zero_inputs(
+        self, steps: int, tables: Tables, held: np.ndarray, recorded_nodes: np.ndarray, stride: int
+    ) -> Inputs:
+        """Return inputs without sources for a number of steps; prescribed values are zero."""
+        given = steps, stride, held, recorded_nodes, tables.dependents, tables.block_sums
+        if self._zero_inputs is None or not _unchanged(self._zero_inputs[0], given):
+            none, times = np.zeros(0, np.int64), np.zeros((steps, len(tables.numbers), 0), tables.numbers.dtype)
+            self._zero_inputs = (
+                given,
+                Inputs(
+                    before=0,
+                    source_nodes=none,
+                    source_fields=np.zeros((0, 0), times.dtype),
+                    source_times=times,
+                    held=held,
+                    held_values=np.zeros((steps, len(held))),
+                    held_forces=np.zeros((0, 0)),
+                    dependent_fields=np.zeros((0, len(tables.dependents.nodes)), times.dtype),
+                    dependent_times=times,
+                    recorded_nodes=recorded_nodes,
+                    node_values=self._rows("node values", steps, int(recorded_nodes[:, 3].sum())),
+                    block_values=self._rows("block values", steps, len(tables.block_sums.rows)),
+                    stride=stride,
+                ),
+            )
+        return self._zero_inputs[1]
+
+    def _rows(self, name: str, steps: int, width: int) -> np.ndarray:
+        """Return an array of rows, reusing the same memory: allocating it takes longer than filling it."""
+        kept = self._room.get(name)
+        if kept is None or kept.size < steps * width:
+            kept = self._room[name] = np.zeros(steps * width)
+        return kept[: steps * width].reshape(steps, width)
+
+    def planned(self, tables: Tables, inputs: Inputs) -> Tables:
+        """Return the tables with their operations, the identical object as long as these stay the same."""
+        asked = asked_by(inputs)
+        if self._planned is None or self._planned[0] is not tables or self._planned[1] != asked:
+            operations, starts = operations_of(tables, asked)
+            self._planned = tables, asked, tables._replace(operations=operations, starts=starts)
+        return self._planned[2]
+
+
+def _unchanged(given: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
+    """Whether two tuples contain the identical arrays and equal numbers."""
+    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(given, before, strict=True))

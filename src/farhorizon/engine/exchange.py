@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.codegen.exchanges import HEAD, RECEIVES, REQUEST, ROW, STATUS, TABLE, USED
 from farhorizon.engine.layout import HALOS, Layout
-from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.exchanges import HEAD, RECEIVES, REQUEST, ROW, STATUS, TABLE, USED
 
 Places = np.ndarray  # of a halo, and of what it repeats; shape (2, n)
 Side = tuple[int, int]
@@ -73,7 +73,7 @@ class Messages:
 
 
 class Table:
-    """Table of messages for compiled code, see `engine.rows.exchanges`, and the memory that it refers to.
+    """Table of messages for compiled code, see `engine.codegen.exchanges`, and the memory that it refers to.
 
     A value has `size` bytes and at most so many components; messages of several kinds may be under way at once.
     """

@@ -7,15 +7,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from farhorizon.engine.codegen.choose import compiled_rows, equal_blocks
+from farhorizon.engine.codegen.matrices import Signs
 from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.filter import Filter, filter_tables
-from farhorizon.engine.layer_passes import LayerPass
+from farhorizon.engine.layer_operators import LayerPass
 from farhorizon.engine.layer_tables import LayerSetup, LayerTables
 from farhorizon.engine.layout import Block, Layout, aligned_zeros, with_defaults
 from farhorizon.engine.operations import FURTHER_PASSES, Operation, Tables
-from farhorizon.engine.rows.choose import compiled_rows, equal_blocks
-from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.tables import BlockSums, Flows, Material, Pass, Sweep
 
 _SECOND_CACHE = 600_000  # bytes of the second-level cache that a part of the box may occupy

@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
+from farhorizon.engine.codegen.vector_operations import TOGETHER, fetch, take_passed, weigh_change
 from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros, ints, reals, with_defaults
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
-from farhorizon.engine.rows.runs import TOGETHER, fetch, take_passed, weigh_change
 from farhorizon.engine.threads import barrier, chunk_of
 
 _PIECE = 256  # nodes of a run that one thread takes at a time

@@ -11,6 +11,11 @@ of shifts, what edges add, parts of an edge, and factors of bonds.
 import numpy as np
 
 from farhorizon.engine.bonds import bond_factor
+from farhorizon.engine.codegen.calls import call_with
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.layer_sums import call_bands, call_crossing, call_mirrored
+from farhorizon.engine.codegen.shifts import call_parts, call_shifts
+from farhorizon.engine.codegen.vector_operations import TURNED, add_lines, clear, fetch, turn
 from farhorizon.engine.layers import (
     AXIS,
     BAND_MEMORY,
@@ -59,11 +64,6 @@ from farhorizon.engine.layers import (
     TILE_VECTORS,
     WIDTH,
 )
-from farhorizon.engine.rows.calls import call_with
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.layer_sums import call_bands, call_crossing, call_mirrored
-from farhorizon.engine.rows.runs import TURNED, add_lines, clear, fetch, turn
-from farhorizon.engine.rows.shifts import call_parts, call_shifts
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, chunk_of
 

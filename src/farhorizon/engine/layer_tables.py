@@ -11,6 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.codegen.choose import UNROLLED_LIMIT, mirror_stencil, mirrored
+from farhorizon.engine.codegen.matrices import Signs
+from farhorizon.engine.codegen.vector_operations import TURNED
 from farhorizon.engine.layers import (
     ACROSS,
     AXIS,
@@ -41,10 +45,6 @@ from farhorizon.engine.layers import (
     Layers,
 )
 from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned_zeros, with_defaults
-from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirror_stencil, mirrored
-from farhorizon.engine.rows.matrices import Signs
-from farhorizon.engine.rows.runs import TURNED
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,11 @@ import numpy as np
 from numba import types
 
 from farhorizon.engine.bonds import PHASES
+from farhorizon.engine.codegen.build import load_layer_program, load_program, load_sweep_program
+from farhorizon.engine.codegen.calls import call_operation
+from farhorizon.engine.codegen.compile_notice import importing
+from farhorizon.engine.codegen.compiled import cfunc, njit
+from farhorizon.engine.codegen.structs import Struct
 from farhorizon.engine.layers import COLUMNS, Layers, has_layers
 from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import (
@@ -37,11 +42,6 @@ from farhorizon.engine.operations import (
     Tables,
     pass_of,
 )
-from farhorizon.engine.rows.build import load_layer_program, load_program, load_sweep_program
-from farhorizon.engine.rows.calls import call_operation
-from farhorizon.engine.rows.compiled import cfunc, njit
-from farhorizon.engine.rows.notice import importing
-from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Media, Stage, Sums
 from farhorizon.engine.threads import ALONE, side_by_side
 

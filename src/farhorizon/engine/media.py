@@ -14,9 +14,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from farhorizon.engine.bonds import PHASES
+from farhorizon.engine.codegen.choose import compiled_rows
 from farhorizon.engine.field import Field, block_of
 from farhorizon.engine.layout import with_defaults
-from farhorizon.engine.rows.choose import compiled_rows
 from farhorizon.engine.tables import Media
 
 Piece = tuple[int, int, int, int, int]

@@ -15,13 +15,13 @@ import numpy as np
 
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import PHASES, factors_of
+from farhorizon.engine.codegen.build import load_rows
 from farhorizon.engine.exchange import FILTER
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import cut_filter, cut_links, without
-from farhorizon.engine.layer_passes import cut_layers
+from farhorizon.engine.layer_operators import cut_layers
 from farhorizon.engine.layout import SLACK, Block, with_defaults
 from farhorizon.engine.point_law import ALIKE, EACH, LawRows
-from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.tables import Cuts, Material, Surface
 
 

@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import Bonds
+from farhorizon.engine.codegen.exchanges import USED
 from farhorizon.engine.damage import FORCES, STATES, STATES_AGAIN
 from farhorizon.engine.dampers import Dampers
+from farhorizon.engine.derivative_pml import Stretches
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
@@ -24,8 +26,6 @@ from farhorizon.engine.layers import Layers, has_layers
 from farhorizon.engine.layout import HALOS, doubles, empty, ints, reals, with_defaults
 from farhorizon.engine.outline_stencil import OutlineStencil
 from farhorizon.engine.phases import Phases
-from farhorizon.engine.rows.exchanges import USED
-from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import (
     BlockSums,
     Cuts,

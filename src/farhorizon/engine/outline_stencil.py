@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.vector_operations import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.layout import aligned_zeros, doubles, ints
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.runs import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.threads import barrier, chunk_of
 
 

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS
+from farhorizon.engine.codegen.structs import Struct
+from farhorizon.engine.codegen.vector_operations import any_below
 from farhorizon.engine.layout import ints
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.runs import any_below
-from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
-from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.threads import ALONE, add, chunk_of
 
 LIQUID, MIXED, SOLID = 0, 1, 2

@@ -1,6 +1,6 @@
 """Law that nodes apply to their states between the two passes of an operator, in the compiled loop.
 
-See `farhorizon.engine.passes`.
+See `farhorizon.engine.two_pass`.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.matrices import call_map
 from farhorizon.engine.layout import empty, ints, reals
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.matrices import call_map
 
 CHUNK = 256  # neighbouring nodes whose states are processed together: they stay in the first-level cache
 WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with one matrix, and others with one each

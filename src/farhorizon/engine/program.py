@@ -8,7 +8,7 @@ components each level holds as many copies of the layout, one after the other.
 The loop (`engine.loop`) calls each operation by its address, so that an operation is compiled when a run first needs
 it, and the loop only once. All operations take the same arguments: the thread, the `Stage` and the `Sums` that they
 work with, all tables, the inputs from outside, the number of the step within this call, and one more number, whose
-meaning depends on the operation. `engine.rows.build` writes this module out with the machine code of what is used.
+meaning depends on the operation. `engine.codegen.build` writes this module out with the machine code of what is used.
 
 Several threads go through the same operations, each with its chunk of every part, and meet at barriers.
 """
@@ -19,8 +19,12 @@ from typing import Any
 import numpy as np
 
 from farhorizon.engine.bonds import CHUNK, StateBonds, bond_factor, bond_gap
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.exchanges import RECEIVES, SENDS, TABLE, call_exchange
+from farhorizon.engine.codegen.vector_operations import copy_run
 from farhorizon.engine.damage import break_bonds, redo_damaged
 from farhorizon.engine.dampers import move_dampers
+from farhorizon.engine.derivative_pml import stretch_forces, stretch_states
 from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
@@ -58,10 +62,6 @@ from farhorizon.engine.operations import (
 from farhorizon.engine.outline_stencil import fill_outline
 from farhorizon.engine.phases import dissolve, find_runs, melt
 from farhorizon.engine.release import break_by_energy
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.exchanges import RECEIVES, SENDS, TABLE, call_exchange
-from farhorizon.engine.rows.runs import copy_run
-from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.thermal_strain import advance_thermal_strains, push_beyond, push_springs
 from farhorizon.engine.threads import barrier, chunk_of
 

@@ -28,8 +28,8 @@ from farhorizon.engine.bonds import (
     spring_factor,
     weaker,
 )
-from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
-from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.threads import barrier
 
 # Patches, and the smaller ones into which those are divided that are not skipped; both consist of whole tiles, and are

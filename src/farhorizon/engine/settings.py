@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import RULES, all_bits
+from farhorizon.engine.codegen.build import load_program
+from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
@@ -17,8 +19,6 @@ from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.media import media_of
 from farhorizon.engine.phases import count_solid, phases_table
-from farhorizon.engine.rows.build import load_program
-from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
 from farhorizon.engine.thermal_strain import ThermalStrains
 

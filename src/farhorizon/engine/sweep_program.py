@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, PHASES, PIECE_ROWS, bond_factor, bond_gap, next_piece, sweep_tiles
+from farhorizon.engine.codegen.calls import call_operation, call_with
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.exchanges import MOVES, TABLE, USED, call_exchange
+from farhorizon.engine.codegen.matrices import call_map
+from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS, call_sweep, sweep_phases
+from farhorizon.engine.codegen.vector_operations import block_sum, copy_values
 from farhorizon.engine.operations import AHEAD, LAW, RECORD, SWEEP
 from farhorizon.engine.phases import LIQUID, SOLID
 from farhorizon.engine.point_law import apply_to_rows
-from farhorizon.engine.rows.calls import call_operation, call_with
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.exchanges import MOVES, TABLE, USED, call_exchange
-from farhorizon.engine.rows.matrices import call_map
-from farhorizon.engine.rows.runs import block_sum, copy_values
-from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS, call_sweep, sweep_phases
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, chunk_of, claim
 

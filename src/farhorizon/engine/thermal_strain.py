@@ -1,7 +1,7 @@
 """Thermal strains in the compiled loop: what a node would be strained by, in all directions, if it were free.
 
 No force responds to them. A bond has the mean of the thermal strains of its ends, which its law subtracts
-(`engine.rows.bond_sweeps`); a state that of its node, and the law of the node acts on the remainder
+(`engine.codegen.bond_sweeps`); a state that of its node, and the law of the node acts on the remainder
 (`engine.point_law`); the springs of state-based media have the mean of their ends again, which is subtracted here.
 Between two times at which they are given thermal strains change linearly.
 """
@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, bond_factor, curved_part
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import reals
-from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
 
 

@@ -18,8 +18,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.structs import Struct
+from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.structs import Struct
 from farhorizon.machine import uninterrupted
 
 _LINE = 16  # elements between shared words, so that each has its own cache lines

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.codegen.compiled import njit
 
 ARITHMETIC, HARMONIC = range(2)
 RULES = {"arithmetic": ARITHMETIC, "harmonic": HARMONIC}

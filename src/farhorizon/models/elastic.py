@@ -15,7 +15,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.arguments import Frequency, Unit
-from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
+from farhorizon.engine.codegen.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
 from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states, energy_of_bonds
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture

@@ -21,7 +21,7 @@ from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.of_field import OfField, names_field
-from farhorizon.medium.scatter import Weibull
+from farhorizon.medium.random_constants import Weibull
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 

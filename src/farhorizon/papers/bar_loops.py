@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.codegen.compiled import njit
 
 
 @njit(cache=True, error_model="numpy")

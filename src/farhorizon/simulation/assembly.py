@@ -21,24 +21,24 @@ from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.heat.thermoelastic_sides import heat_front, thermoelastic_margins, thermoelastic_sides
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.processes.subdomain import Subdomain, check_choosable, check_divisible, subdomain_of
-from farhorizon.simulation.setup.cuts import CutBonds
-from farhorizon.simulation.setup.grid import Grid, choose_margins, make_grid, states_of
-from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_field
-from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
-from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
-from farhorizon.simulation.setup.validation import (
+from farhorizon.simulation.setup.compatibility import (
     check_entrances,
     check_model,
     check_repeats,
     check_stencil,
     check_variation,
 )
+from farhorizon.simulation.setup.cuts import CutBonds
+from farhorizon.simulation.setup.grid import Grid, choose_margins, make_grid, states_of
+from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_field
+from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
+from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
 from farhorizon.simulation.sides.extension import Emitters, extend
 from farhorizon.simulation.sides.exterior import Exterior, changes
+from farhorizon.simulation.sides.held_and_damped import check_conditions, hold_and_damp
 from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
-from farhorizon.simulation.sides.surfaces import check_conditions, hold_and_damp
 from farhorizon.simulation.time.breaking import Breaking
 from farhorizon.simulation.time.of_field import field_source_terms
 from farhorizon.simulation.time.source_terms import (

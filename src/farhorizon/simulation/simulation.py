@@ -26,7 +26,7 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.machine import uninterrupted
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, assemble_subdomain
-from farhorizon.simulation.processes.halo_volume import rows_on_processes
+from farhorizon.simulation.processes.parallel_prediction import rows_on_processes
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.processes.subdomain import Subdomain, check_given
 from farhorizon.simulation.recorders.flux import flux_tables, nodal_flux, plane, power_across

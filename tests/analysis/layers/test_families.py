@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.layers.families import families, gently_damped, long_run_profile, short, steady_rise, thin
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.checks.side_modes import plain_twin
+from farhorizon.checks.reduced_setups import plain_twin
 from farhorizon.engine.state import State
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))

@@ -12,7 +12,7 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.chain_modes import LatticeMedium, chain_modes, chain_weights, factor_of_wave
 from farhorizon.analysis.layers.reflection import LayerSide, continuations, layer_amplitudes
-from farhorizon.checks.side_modes import Strip, pinned
+from farhorizon.checks.reduced_setups import Strip, pinned
 from farhorizon.medium.integrators import Verlet
 from farhorizon.studies.compare import compare
 

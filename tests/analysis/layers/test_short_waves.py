@@ -9,7 +9,7 @@ import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.checks.certificate import certify
-from farhorizon.checks.side_modes import Strip
+from farhorizon.checks.reduced_setups import Strip
 from farhorizon.engine.state import State
 from helpers import kernel_stencil
 

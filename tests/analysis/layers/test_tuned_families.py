@@ -17,7 +17,7 @@ from farhorizon.analysis.layers.families import (
     tuned_layer,
 )
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
-from farhorizon.checks.side_modes import Strip, plain_twin
+from farhorizon.checks.reduced_setups import Strip, plain_twin
 from farhorizon.engine.state import State
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

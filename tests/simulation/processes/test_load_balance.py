@@ -8,8 +8,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.geometry.decomposition import Decomposition
-from farhorizon.simulation.processes.halo_volume import cost_of_boxes, rows_on_processes
 from farhorizon.simulation.processes.load_balance import cost_along, cost_per_node, costs_of
+from farhorizon.simulation.processes.parallel_prediction import cost_of_boxes, rows_on_processes
 from farhorizon.simulation.processes.subdomain import boxes_of, cost_beyond
 
 KERNEL = fh.Kernel(2.0)

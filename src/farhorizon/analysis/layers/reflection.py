@@ -107,7 +107,7 @@ class LayerSide:
         self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
     ) -> dict[str, complex]:
         """Amplitudes, by type, of the waves into which a plane wave of amplitude 1 is reflected; see
-        `farhorizon.checks.side_modes.Strip.reflections`.
+        `farhorizon.checks.reduced_setups.Strip.reflections`.
         """
         length = wavelength / self.medium.spacing
         if self.diffusive:

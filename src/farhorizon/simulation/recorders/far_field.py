@@ -30,7 +30,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.recorders.far_box import (
+from farhorizon.simulation.recorders.far_field_checks import (
     LEFT,
     check_history,
     check_kept,

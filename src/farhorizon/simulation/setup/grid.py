@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from farhorizon.engine.codegen.matrices import Signs
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import Link
 from farhorizon.engine.filter import filter_with_images
-from farhorizon.engine.passes import StateSums
-from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.settings import connect, set_density
+from farhorizon.engine.two_pass import StateSums
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut

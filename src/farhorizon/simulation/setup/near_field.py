@@ -23,10 +23,10 @@ from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.heat.coupling import Coupling, expansion_of
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
+from farhorizon.simulation.setup.compatibility import closed_window
 from farhorizon.simulation.setup.laws import source_slope
 from farhorizon.simulation.setup.reference_medium import Contrast, ReferenceMedium, contrast_in, node_factor, varied
 from farhorizon.simulation.setup.setup import Setup, Sides, wrapping
-from farhorizon.simulation.setup.validation import closed_window
 
 _ALIKE = 1e-12  # relative difference up to which constants are those of the same medium, and a step that at the limit
 _TINY = 1e-300  # in place of zero, where nothing moves

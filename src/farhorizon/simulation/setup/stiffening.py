@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from farhorizon.medium.scatter import uniform
+from farhorizon.medium.random_constants import uniform
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from farhorizon.engine.rows import notice
+from farhorizon.engine.codegen import compile_notice
 
 MODULE = """
 from numba import cfunc, njit, types
@@ -27,11 +27,11 @@ BLOB = Path(__file__).parents[3] / "examples" / "blob.toml"
 
 
 def load(path, name, text):
-    """A module of compiled functions, loaded as `engine.rows.build` does."""
+    """A module of compiled functions, loaded as `engine.codegen.build` does."""
     path.write_text(text)
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
-    with notice.importing(name):
+    with compile_notice.importing(name):
         spec.loader.exec_module(module)
     return module
 
@@ -39,8 +39,8 @@ def load(path, name, text):
 @pytest.fixture
 def fresh(monkeypatch):
     """The state at the start of a process, with no compilation too short to be announced."""
-    monkeypatch.setattr(notice._NOTICE, "_begun", False)
-    monkeypatch.setattr(notice, "_SHORT", 0.0)
+    monkeypatch.setattr(compile_notice._NOTICE, "_begun", False)
+    monkeypatch.setattr(compile_notice, "_SHORT", 0.0)
 
 
 @pytest.mark.parametrize(

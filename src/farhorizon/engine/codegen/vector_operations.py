@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.vectors import I32, I64, Vectors, flat, int64s
+from farhorizon.engine.codegen.vectors import I32, I64, Vectors, flat, int64s
 
 #: Values in a window, and sums that are computed side by side.
 WINDOW, BUNDLE = 8, 4

@@ -10,8 +10,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.calls import call_of
-from farhorizon.engine.rows.vectors import I64, LANES, Vectors, flat, int64s
+from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.vectors import I64, LANES, Vectors, flat, int64s
 
 #: (outer offset 0, outer offset 1, inner offset >= 0); every inner offset stands for both signs.
 Shape = tuple[tuple[int, int, int], ...]

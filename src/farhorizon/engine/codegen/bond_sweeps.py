@@ -24,7 +24,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.vectors import I64, Vectors
+from farhorizon.engine.codegen.vectors import I64, Vectors
 
 #: Nodes of a row that are swept together: one vector.
 LANES = 8

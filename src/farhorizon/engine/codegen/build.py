@@ -12,8 +12,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from farhorizon.engine.rows.notice import importing
-from farhorizon.engine.rows.sources import hash_of
+from farhorizon.engine.codegen.code_digest import hash_of
+from farhorizon.engine.codegen.compile_notice import importing
 from farhorizon.files.cache import cache_folder, write
 from farhorizon.machine import without_collection
 
@@ -157,8 +157,8 @@ def _written_out(kind: str, **settings: Any) -> str:
     modules = sorted({text.partition(".")[0] for row in ROWS[kind] for text in (row.signature, row.intrinsic)})
     types = {type(value) for value in settings.values() if hasattr(value, "_fields")}
     lines = [
-        "from farhorizon.engine.rows.compiled import cfunc",
-        *(f"from farhorizon.engine.rows import {module}" for module in modules),
+        "from farhorizon.engine.codegen.compiled import cfunc",
+        *(f"from farhorizon.engine.codegen import {module}" for module in modules),
         *(f"from {of.__module__} import {of.__name__}" for of in types),
         *(f"{name} = {value!r}" for name, value in settings.items()),
         *(_FUNCTION.format(name=_name(row), **row._asdict()) for row in ROWS[kind]),

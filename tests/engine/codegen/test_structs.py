@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from farhorizon.engine.rows.structs import Struct
+from farhorizon.engine.codegen.structs import Struct
 
 
 class Inner(NamedTuple):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.matrices import MirrorStencil, Signs, parity
-from farhorizon.engine.rows.stencil_sweeps import fits_lines
+from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.codegen.matrices import MirrorStencil, Signs, parity
+from farhorizon.engine.codegen.stencil_sweeps import fits_lines
 
 UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _ROUNDING = 1e-14  # relative to the largest weight: mirror images that differ by less are equal

@@ -3,7 +3,8 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.processes.halo_volume import (
+from farhorizon.simulation.processes.load_balance import cost_per_node
+from farhorizon.simulation.processes.parallel_prediction import (
     _MESSAGE,
     _OVERLAPPED,
     cost_of_boxes,
@@ -12,7 +13,6 @@ from farhorizon.simulation.processes.halo_volume import (
     rows_on_processes,
     swept_ahead,
 )
-from farhorizon.simulation.processes.load_balance import cost_per_node
 from farhorizon.simulation.processes.subdomain import boxes_of, cost_beyond
 
 

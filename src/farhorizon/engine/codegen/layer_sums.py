@@ -1,8 +1,8 @@
 """Explicit SIMD for the layers: the sums across lines that stretched shifts are applied to, for mirror-symmetric
 stencils.
 
-As in `engine.rows.matrices`, values at mirror images are first combined into sums that are even or odd along each axis,
-and each of these is multiplied once for every part that it belongs to.
+As in `engine.codegen.matrices`, values at mirror images are first combined into sums that are even or odd along each
+axis, and each of these is multiplied once for every part that it belongs to.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.calls import call_of
-from farhorizon.engine.rows.matrices import MirrorStencil, mirror_sums, parity, weight_of
-from farhorizon.engine.rows.vectors import I64, Vectors, flat, int64s
+from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.matrices import MirrorStencil, mirror_sums, parity, weight_of
+from farhorizon.engine.codegen.vectors import I64, Vectors, flat, int64s
 
 Sums = dict[tuple[int, ...], Any]  # by parity along the first two axes
 

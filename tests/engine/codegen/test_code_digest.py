@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import farhorizon
-from farhorizon.engine.rows import sources
+from farhorizon.engine.codegen import code_digest
 
 PACKAGE = Path(farhorizon.__file__).parent
 #: Functions whose machine code is kept, by file.
@@ -18,15 +18,15 @@ KEPT = {
     "sweep": ("engine/sweep_program.py", "stencil_part"),
     "break": ("engine/program.py", "break_stretched"),
     "strain": ("engine/bonds.py", "largest_strain"),
-    "rows": ("engine/rows/stencil_sweeps.py", "stencil_sweep"),
+    "rows": ("engine/codegen/stencil_sweeps.py", "stencil_sweep"),
 }
 #: Edits of a file, and the functions that depend on them.
 EDITS = {
     "comment": ("engine/bonds.py", "    return total / length\n", "    # of one bond\n    return total / length\n", ""),
     "docstring": ("engine/bonds.py", '"""Stretch of a bond, ', '"""Elongation of a bond, ', ""),
-    "head": ("engine/rows/vectors.py", '"""Explicit SIMD', '"""Vectors', ""),
+    "head": ("engine/codegen/vectors.py", '"""Explicit SIMD', '"""Vectors', ""),
     "field": ("engine/bonds.py", "nonlinear: bool = False\n", "nonlinear: int = False  # or bool\n", ""),
-    "annotation": ("engine/rows/vectors.py", "def splat(self, value: Any) -> Any:", "def splat(self, value):", ""),
+    "annotation": ("engine/codegen/vectors.py", "def splat(self, value: Any) -> Any:", "def splat(self, value):", ""),
     "layout": ("engine/bonds.py", "return e / (1 + np.sqrt(1 + e)) if", "return (e / (1 + np.sqrt(1 + e))) if", ""),
     "host": (
         "engine/bonds.py",
@@ -34,17 +34,17 @@ EDITS = {
         "numbers = np.flatnonzero(bits.sum(0)), ",
         "",
     ),
-    "constant": ("engine/rows/bond_sweeps.py", "LANES = 8\n", "LANES = 16\n", "break"),
+    "constant": ("engine/codegen/bond_sweeps.py", "LANES = 8\n", "LANES = 16\n", "break"),
     "kernel": ("engine/bonds.py", "results[i] /= length", "results[i] *= 1 / length", "strain"),
     "emitter": (
-        "engine/rows/vectors.py",
+        "engine/codegen/vectors.py",
         "return functools.reduce(self.builder.fadd, terms)",
         "return sum(terms)",
         "rows",
     ),
     "name": ("engine/bonds.py", "FIRST, END = 0, 3, 6, 9", "FIRST, END = 0, 3, 9, 6", "break strain"),
     "decorator": (
-        "engine/rows/compiled.py",
+        "engine/codegen/compiled.py",
         '"no_cfunc_wrapper": True',
         '"no_cfunc_wrapper": False',
         "sweep break strain",
@@ -58,16 +58,16 @@ def copied(tmp_path, monkeypatch):
     ignored = shutil.ignore_patterns("__pycache__")
     for room in ("engine", "files"):
         shutil.copytree(PACKAGE / room, tmp_path / "farhorizon" / room, ignore=ignored)
-    monkeypatch.setattr(sources, "_PACKAGE", tmp_path / "farhorizon")
-    monkeypatch.setattr(sources, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(sources, "_STARTED", float("inf"))
+    monkeypatch.setattr(code_digest, "_PACKAGE", tmp_path / "farhorizon")
+    monkeypatch.setattr(code_digest, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(code_digest, "_STARTED", float("inf"))
     return tmp_path / "farhorizon"
 
 
 def digests(package):
     """Digests of the functions in `KEPT`."""
-    sources._source.cache_clear()
-    return {key: sources.digest(package / file, name) for key, (file, name) in KEPT.items()}
+    code_digest._source.cache_clear()
+    return {key: code_digest.digest(package / file, name) for key, (file, name) in KEPT.items()}
 
 
 def edit(path, old, new):
@@ -85,7 +85,7 @@ def test_what_is_used_decides(copied):
         after = digests(copied)
         assert {key for key in KEPT if after[key] != before[key]} == set(expected.split()), what
         before = after
-    sources._source.cache_clear()
+    code_digest._source.cache_clear()
 
 
 def test_what_changes_during_a_run_is_not_for_others(copied, monkeypatch):
@@ -93,11 +93,11 @@ def test_what_changes_during_a_run_is_not_for_others(copied, monkeypatch):
     started = time.time()
     os.utime(copied / "engine" / "bonds.py", (started + 1.0,) * 2)
     unchanged = digests(copied)
-    monkeypatch.setattr(sources, "_STARTED", started)
+    monkeypatch.setattr(code_digest, "_STARTED", started)
     first, second = digests(copied), digests(copied)
     assert first["rows"] == second["rows"] == unchanged["rows"]
     assert len({unchanged["strain"], first["strain"], second["strain"]}) == 3
-    sources._source.cache_clear()
+    code_digest._source.cache_clear()
 
 
 def globals_of(function):
@@ -112,7 +112,7 @@ def globals_of(function):
 
 def test_every_function_that_is_called_is_among_the_definitions():
     """The same by another way: the objects that the functions of the loop refer to."""
-    from farhorizon.engine.rows.build import load_layer_program, load_program
+    from farhorizon.engine.codegen.build import load_layer_program, load_program
 
     waiting = [value for program in (load_program(), load_layer_program()) for value in vars(program).values()]
     waiting = [
@@ -122,7 +122,7 @@ def test_every_function_that_is_called_is_among_the_definitions():
     for start in waiting:
         start = getattr(start, "py_func", start)
         file = Path(start.__code__.co_filename)
-        found = {(place.stem, name) for place, name in sources.definitions(file, start.__name__)}
+        found = {(place.stem, name) for place, name in code_digest.definitions(file, start.__name__)}
         inner = [start]
         while inner:
             function = inner.pop()
@@ -138,8 +138,8 @@ def test_every_function_that_is_called_is_among_the_definitions():
 
 
 LOAD = """
-from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.notice import compile_seconds
+from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.codegen.compile_notice import compile_seconds
 load_rows("map_rows", entries=((0,),), columns=1, each=False, added=False, real="float64")
 print(compile_seconds() > 0)
 """

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import Block, ints, reals
 from farhorizon.engine.point_law import CHUNK
-from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
 
 FIRST, COUNT, SLOT, LOST, LOST_END, ALONG = range(6)  # columns of `Stretches.runs`

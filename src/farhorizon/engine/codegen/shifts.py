@@ -9,8 +9,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.calls import call_of
-from farhorizon.engine.rows.vectors import CONTRACT, I32, I64, Vectors, flat, int64s
+from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.vectors import CONTRACT, I32, I64, Vectors, flat, int64s
 
 
 class Remembered:

@@ -18,7 +18,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher
 
-from farhorizon.engine.rows.sources import digest
+from farhorizon.engine.codegen.code_digest import digest
 from farhorizon.files.cache import sealed, unsealed
 from farhorizon.files.storage import awaited
 from farhorizon.machine import without_collection

@@ -18,8 +18,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.calls import call_of
-from farhorizon.engine.rows.stencil_sweeps import (
+from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.stencil_sweeps import (
     AHEAD,
     Emit,
     Output,
@@ -29,7 +29,7 @@ from farhorizon.engine.rows.stencil_sweeps import (
     tile_nodes,
     with_own,
 )
-from farhorizon.engine.rows.vectors import I64, Vectors
+from farhorizon.engine.codegen.vectors import I64, Vectors
 
 # Lines that are read together at most: of more of them the first-level cache would hold too few nodes, so that each
 # component of ``src`` is swept separately.

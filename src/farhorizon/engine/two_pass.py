@@ -18,18 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.bonds import factors_of
+from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.codegen.choose import compiled_sums, equal_blocks
+from farhorizon.engine.codegen.matrices import Signs, signs_of
+from farhorizon.engine.derivative_pml import Stretches, stretches_of, without_bonds
 from farhorizon.engine.field import Field
-from farhorizon.engine.layer_passes import cut_layers
+from farhorizon.engine.layer_operators import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros, with_defaults
 from farhorizon.engine.missing_bonds import law_rows, surface_of
 from farhorizon.engine.operations import layered_states, state_operations
 from farhorizon.engine.point_law import CHUNK, PointLaw
-from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
-from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.shape_tensors import harmonic_eigenvalue
-from farhorizon.engine.stretches import Stretches, stretches_of, without_bonds
 from farhorizon.engine.tables import Cuts, Pass, Sweep
 from farhorizon.errors import InputError
 

@@ -22,7 +22,7 @@ from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import models, register_model, unbox
 from numba.np import arrayobj
 
-from farhorizon.engine.rows.sources import digest
+from farhorizon.engine.codegen.code_digest import digest
 
 _WORD = 8  # bytes
 _I64 = ir.IntType(64)

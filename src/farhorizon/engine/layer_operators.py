@@ -1,4 +1,4 @@
-"""Passes to which only layers add, and layers without some bonds.
+"""Operators to which only layers add, and layers without some bonds (`cut_layers`).
 
 Drag (`engine.drag`) and heat that passes through the layers of a solid (`engine.thermal_strain`) sum over bonds of
 their own: increments over neighbours; thermal strains to forces; displacements to the traces of the stresses. These
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.codegen.matrices import Signs, signs_of
 from farhorizon.engine.layer_tables import LayerSetup, LayerTables
 from farhorizon.engine.layers import (
     AXIS,
@@ -33,7 +34,6 @@ from farhorizon.engine.layers import (
     Layers,
 )
 from farhorizon.engine.layout import with_defaults
-from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.tables import Pass, Sweep
 
 
