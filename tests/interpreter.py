@@ -19,7 +19,7 @@ from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.shape_tensors import stress_left
 from farhorizon.engine.tables import Inputs, Material, Stage
-from farhorizon.engine.two_pass import Passes
+from farhorizon.engine.two_pass import TwoPassOperator
 from stretched_shifts import StretchedShifts
 
 
@@ -72,9 +72,9 @@ class Interpreter:
             op.OUTLINE: self._fringe,
             op.DISSOLVE: self._dissolve,
             op.RECORD: self._keep,
-            op.THERMAL_FORCES: heat.push_springs,
+            op.THERMAL_FORCES: heat.subtract_thermal_forces,
             op.ADVANCE_STRAINS: heat.advance_thermal_strains,
-            op.THERMAL_FORCES_BEYOND: heat.push_beyond,
+            op.THERMAL_FORCES_BEYOND: heat.subtract_thermal_forces_beyond,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -544,7 +544,7 @@ class _Heat:
     def __init__(self, loop: Interpreter) -> None:
         self.loop = loop
 
-    def push_springs(self) -> None:
+    def subtract_thermal_forces(self) -> None:
         """Subtract the thermal strains of the springs of state-based media."""
         loop = self.loop
         bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
@@ -552,7 +552,7 @@ class _Heat:
             present = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
             self._push(loop.tables.heat.vectors[bond], present * loop.thermal_strain(nodes, nodes + distance), nodes)
 
-    def push_beyond(self) -> None:
+    def subtract_thermal_forces_beyond(self) -> None:
         """Do so at all nodes for springs, and for bonds without a law of their own."""
         loop = self.loop
         bonds, at = loop.tables.bonds, np.indices(loop.box.nodes).reshape(3, -1)
@@ -591,7 +591,7 @@ class _States:
     passes : Passes
     """
 
-    def __init__(self, loop: Interpreter, passes: Passes) -> None:
+    def __init__(self, loop: Interpreter, passes: TwoPassOperator) -> None:
         self.loop, self.passes, self.raw = loop, passes, False
 
     def _distances(self) -> np.ndarray:

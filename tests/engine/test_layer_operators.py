@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.settings import give_heat_beyond
+from farhorizon.engine.settings import give_thermal_strain_beyond
 from interpreter import Interpreter
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
@@ -71,7 +71,7 @@ def test_both_compute_the_same(make):
         engine, rows = sim.engine, []
         engine.levels[:2, engine.all_components(box)] = start
         for strain in strains:
-            give_heat_beyond(engine, box, strain)
+            give_thermal_strain_beyond(engine, box, strain)
             if engine.passes is None:  # the program of definitions makes states where it needs forces of them
                 rows.append(engine.bonds.traces(engine.current)[box])
             engine.advance_alone(1)
@@ -97,9 +97,9 @@ def test_traces_are_the_adjoint_of_pushes(make):
     places = engine.all_components(inner[engine.absent.exists[inner]])
     u[places] = random.standard_normal(len(places))
     traces = engine.bonds.traces(u.copy(), apart=True)[box]
-    give_heat_beyond(engine, box, 0 * strain)
+    give_thermal_strain_beyond(engine, box, 0 * strain)
     cold = engine.apply(u.copy())
-    give_heat_beyond(engine, box, strain)
+    give_thermal_strain_beyond(engine, box, strain)
     pushes = engine.apply(u.copy()) - cold
     digits = 1e-11 if engine.dtype == np.float64 else 1e-4
     assert abs((traces * strain).sum() - (u * pushes).sum()) < digits * np.abs(traces * strain).sum()

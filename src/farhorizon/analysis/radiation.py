@@ -162,7 +162,7 @@ def waves_sent(
     scheme: Scheme, squared: complex, nodes: np.ndarray, forces: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Amplitudes (B, D), polarisations, wave vectors and slopes of the waves that forces radiate, for unit spacing; as
-    `Outgoing`, with the slopes of the operator's eigenvalue.
+    `WavesByEnergyDirection`, with the slopes of the operator's eigenvalue.
 
     The forces (components, W) at positions (W, dim), in spacings, are accelerations with time dependence ``exp(-i omega
     t)``; `squared` is from `squared_frequency`.

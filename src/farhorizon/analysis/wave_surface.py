@@ -22,7 +22,7 @@ _NEARLY = 0.1
 
 
 @dataclass(frozen=True)
-class Outgoing:
+class WavesByEnergyDirection:
     """Waves of one frequency that carry their energy in given directions; the branch with the largest eigenvalue, the
     fastest wave, comes first.
     """
@@ -50,7 +50,7 @@ class Outgoing:
         return 1j / self.slopes * np.sqrt(self.slopes / (2j * np.pi)) ** across / np.sqrt(self.curvatures)
 
 
-def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outgoing:
+def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> WavesByEnergyDirection:
     """The waves of one frequency whose group velocity points in given directions, unit vectors (D, dim); an InputError
     if several waves of one branch travel in one direction.
 
@@ -79,7 +79,7 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
             remedy="a lower frequency, or a finer lattice",
         )
     _fix_phases(shapes, rows, directions)
-    return Outgoing(vectors, slopes, curvatures, shapes, rows)
+    return WavesByEnergyDirection(vectors, slopes, curvatures, shapes, rows)
 
 
 def _fix_phases(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
@@ -108,8 +108,11 @@ def _set_apart(stencil: Stencil, vectors: np.ndarray, shapes: np.ndarray, rows: 
 
 
 @dataclass(frozen=True)
-class Along:
-    """Waves of one frequency whose phases travel in given directions; the last two fields as in `Outgoing`."""
+class WavesByPhaseDirection:
+    """Waves of one frequency whose phases travel in given directions.
+
+    The last two fields are as in `WavesByEnergyDirection`.
+    """
 
     wave_vectors: np.ndarray  # times spacing, (B, D, dim); the fastest wave comes first
     gradients: np.ndarray  # of the symbol's eigenvalue, in whose direction energy travels, (B, D, dim)
@@ -117,7 +120,7 @@ class Along:
     projections: np.ndarray
 
 
-def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
+def along(stencil: Stencil, squared: float, directions: np.ndarray) -> WavesByPhaseDirection:
     """The waves of one frequency whose phases travel in given directions, unit vectors (D, dim); `squared` as for
     `outgoing`, without damping.
     """
@@ -137,7 +140,7 @@ def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
     vectors, gradients, polarisations, rows = (np.stack(values) for values in zip(*branches, strict=True))
     if stencil.components == 3:
         _set_apart(stencil, vectors, polarisations, rows)
-    return Along(vectors, gradients, polarisations, rows)
+    return WavesByPhaseDirection(vectors, gradients, polarisations, rows)
 
 
 def carried_band(stencil: Stencil) -> tuple[float, float]:
@@ -212,8 +215,8 @@ def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarr
 def _branch(
     stencil: Stencil, squared: complex, directions: np.ndarray, angles: np.ndarray, number: int, apart: float = _APART
 ) -> tuple[np.ndarray, ...]:
-    """Wave vectors of one branch by Newton's method: whether each was found, and the attributes of `Outgoing` for the
-    branch.
+    """Wave vectors of one branch by Newton's method: whether each was found, and the attributes of
+    `WavesByEnergyDirection` for the branch.
 
     The unknowns are the wave vector and the slope g: the eigenvalue is given, and its gradient is g times the
     direction.

@@ -216,7 +216,7 @@ def follows_law(zone, i0, i1, i2):
 
 
 @njit(error_model="numpy", inline="always")
-def strain_of(level, node, distance, xi, components, nonlinear):
+def squared_stretch(level, node, distance, xi, components, nonlinear):
     """Strain ``|xi + eta|^2 / |xi|^2 - 1`` of one bond, linearised unless `nonlinear`."""
     apart = level.size // components
     total, length = 0.0, 0.0
@@ -228,13 +228,13 @@ def strain_of(level, node, distance, xi, components, nonlinear):
 
 
 @njit(error_model="numpy", inline="always")
-def elongation(e, nonlinear):
+def bond_stretch(e, nonlinear):
     """Stretch of a bond, ``|xi + eta| / |xi| - 1``, from its strain e; linearised e/2."""
     return e / (1 + np.sqrt(1 + e)) if nonlinear else e / 2
 
 
 @njit(error_model="numpy", inline="always")
-def strain_of_heat(thermal_strain, node, neighbour):
+def thermal_squared_stretch(thermal_strain, node, neighbour):
     """Thermal part of the strain e of a bond: twice the mean of the thermal strains of its ends."""
     return np.float64(thermal_strain[node]) + np.float64(thermal_strain[neighbour]) if thermal_strain.size > 1 else 0.0
 
@@ -246,9 +246,9 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     length = 0.0
     for c in range(components):
         length += np.float64(xi[c]) ** 2
-    thermal = strain_of_heat(bonds.thermal_strain, node, node + distance)
-    now = elongation(strain_of(u, node, distance, xi, components, nonlinear) - thermal, nonlinear)
-    before = elongation(strain_of(old, node, distance, xi, components, nonlinear) - thermal, nonlinear)
+    thermal = thermal_squared_stretch(bonds.thermal_strain, node, node + distance)
+    now = bond_stretch(squared_stretch(u, node, distance, xi, components, nonlinear) - thermal, nonlinear)
+    before = bond_stretch(squared_stretch(old, node, distance, xi, components, nonlinear) - thermal, nonlinear)
     factor = np.float64(xi[components + 1])
     if coefficient.size > 1:
         factor *= bond_factor(material.rule, coefficient[node], coefficient[node + distance])
@@ -368,8 +368,8 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
 
 
 @njit(error_model="numpy", cache=True, entry=False)
-def strains(results, level, node, distance, xi, components, nonlinear):
-    """Compute `strain_of` one bond for neighbouring nodes, in vectors; return the squared length of the bond."""
+def squared_stretches(results, level, node, distance, xi, components, nonlinear):
+    """Compute `squared_stretch` one bond for neighbouring nodes, in vectors; return the squared length of the bond."""
     apart = level.size // components
     length = 0.0
     results[:] = 0
@@ -390,7 +390,7 @@ def strains(results, level, node, distance, xi, components, nonlinear):
 
 
 @njit(error_model="numpy", inline="always")
-def curved_part(zone, i0, i1, offset, first, end):
+def range_under_law(zone, i0, i1, offset, first, end):
     """Range of the nodes `first` to `end` of a row whose bond with this offset follows the law."""
     if not (
         follows_law(zone, i0, i1, zone[LAW_FIRST + 2])
@@ -425,23 +425,25 @@ def strain_energy(u, old, block, first, end, nodes, full, components, material, 
                     or (i1 + offset[2] >= end[1] and full[1, 1])
                 )
                 mask = np.uint64(1) << np.uint64(bond & 63)
-                start, stop = curved_part(zone, i0, i1, offset, first[2], end[2])
+                start, stop = range_under_law(zone, i0, i1, offset, first[2], end[2])
                 for begin, last, law in ((first[2], start, False), (start, stop, True), (stop, end[2], False)):
                     if begin >= last:
                         continue
                     curved, closes = bonds.nonlinear and law, law and bonds.closing.size > 0
                     softens = law and bonds.residual_stiffness.size > 0
                     part = slice(begin - first[2], last - first[2])
-                    length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
-                    strains(before[part], old, node + begin, offset[0], xi, components, curved)
+                    length = squared_stretches(now[part], u, node + begin, offset[0], xi, components, curved)
+                    squared_stretches(before[part], old, node + begin, offset[0], xi, components, curved)
                     factor = (0.5 if outside else 0.25) * np.float64(xi[components + 1]) * length
                     strain, strain_before, sums, words = now[part], before[part], energy[part], bits[part]
                     for i in range(last - begin if bonds.thermal_strain.size > 1 and (law or heated) else 0):
-                        thermal = strain_of_heat(bonds.thermal_strain, node + begin + i, node + begin + i + offset[0])
+                        thermal = thermal_squared_stretch(
+                            bonds.thermal_strain, node + begin + i, node + begin + i + offset[0]
+                        )
                         strain[i] -= thermal
                         strain_before[i] -= thermal
                     for i in range(last - begin):
-                        gain = factor * elongation(strain[i], curved) * elongation(strain_before[i], curved)
+                        gain = factor * bond_stretch(strain[i], curved) * bond_stretch(strain_before[i], curved)
                         if coefficient.size > 1:
                             gain *= bond_factor(
                                 rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
@@ -487,14 +489,16 @@ def largest_strain(u, block, components, bonds):
             node = block[0] + i0 * block[4] + i1 * block[5]
             for bond in range(places.shape[0]):
                 mask = np.uint64(1) << np.uint64(bond & 63)
-                start, stop = curved_part(zone, i0, i1, places[bond], zone[FIRST + 2], zone[END + 2])
+                start, stop = range_under_law(zone, i0, i1, places[bond], zone[FIRST + 2], zone[END + 2])
                 if start < stop:
                     distance = places[bond, 0]
-                    strains(results[: stop - start], u, node + start, distance, table[bond], components, nonlinear)
+                    squared_stretches(
+                        results[: stop - start], u, node + start, distance, table[bond], components, nonlinear
+                    )
                     words = alive[bond >> 6, node + start :]
                     for i in range(stop - start):
                         at, neighbour = node + start + i, node + start + i + distance
-                        e = results[i] - strain_of_heat(bonds.thermal_strain, at, neighbour)
+                        e = results[i] - thermal_squared_stretch(bonds.thermal_strain, at, neighbour)
                         strength = weaker(bonds.strength, at, neighbour)
                         largest = max(largest, e / strength if words[i] & mask != 0 else -1.0)
     return largest

@@ -21,14 +21,14 @@ from farhorizon.engine.bonds import (
     PIECE_ROWS,
     UNCHANGED,
     bond_factor,
-    elongation,
+    bond_stretch,
     follows_law,
     is_set,
     next_piece,
     spring_factor,
-    strain_of,
-    strain_of_heat,
+    squared_stretch,
     sweep_tiles,
+    thermal_squared_stretch,
 )
 from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS
 from farhorizon.engine.codegen.compiled import njit
@@ -235,8 +235,8 @@ def push_apart(stage, node, at, bonds, rule):
         if is_set(bonds.closing, node, k) and not is_set(bonds.alive, node, k):
             offset, xi = bonds.places[k], bonds.table[k]
             neighbour = node + offset[0]
-            e = strain_of(u, node, offset[0], xi, components, False)
-            e -= strain_of_heat(bonds.thermal_strain, node, neighbour)
+            e = squared_stretch(u, node, offset[0], xi, components, False)
+            e -= thermal_squared_stretch(bonds.thermal_strain, node, neighbour)
             if e < 0 and follows_law(bonds.zone, at[0] + offset[1], at[1] + offset[2], at[2] + offset[3]):
                 factor = (
                     bond_factor(rule, contact_stiffness[node], contact_stiffness[neighbour])
@@ -244,7 +244,7 @@ def push_apart(stage, node, at, bonds, rule):
                     else contact_stiffness[0]
                 )
                 for c in range(components):
-                    stage.out[node + c * apart] += factor * xi[components + 1] * elongation(e, False) * xi[c]
+                    stage.out[node + c * apart] += factor * xi[components + 1] * bond_stretch(e, False) * xi[c]
 
 
 @njit(error_model="numpy", cache=True, counted=False)

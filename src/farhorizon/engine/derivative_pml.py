@@ -17,10 +17,10 @@ from farhorizon.engine.layout import Block, ints, reals
 from farhorizon.engine.point_law import CHUNK
 from farhorizon.engine.threads import barrier, chunk_of
 
-FIRST, COUNT, SLOT, LOST, LOST_END, ALONG = range(6)  # columns of `Stretches.runs`
+FIRST, COUNT, SLOT, LOST, LOST_END, ALONG = range(6)  # columns of `DerivativePML.runs`
 
 
-class Stretches(NamedTuple):
+class DerivativePML(NamedTuple):
     """Nodes whose derivatives are stretched, in runs of neighbours along the last axis; L nodes in all."""
 
     # Place of the first node, number of nodes, slot of the first node, first and last + 1 row of `lost`, and for each
@@ -49,7 +49,7 @@ class Stretches(NamedTuple):
 
 def stretches_of(
     box: Block, phi: np.ndarray, alpha: np.ndarray, dt: float, vectors: np.ndarray, distances: np.ndarray
-) -> Stretches:
+) -> DerivativePML:
     """Return the tables of nodes with a stretch along some axis, in a medium with all its bonds. `phi`, shape (dim,
     *box), is the rate of the stretch along each of the last axes and `alpha` its shift (both 1/time).
     """
@@ -68,7 +68,7 @@ def stretches_of(
                 along = (phi[:, i0, i1, begin : begin + count] > 0).any(1)
                 runs.append([places[i0, i1, begin], count, slot, 0, 0, *along.astype(int)])
                 slot += count
-    return Stretches(
+    return DerivativePML(
         runs=np.array(runs, np.int64).reshape(-1, ALONG + dim),
         keep=np.ascontiguousarray(keep[:, stretched]).astype(real),
         gain=np.ascontiguousarray(gain[:, stretched]).astype(real),
@@ -82,8 +82,8 @@ def stretches_of(
 
 
 def without_bonds(
-    stretches: Stretches, missing: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, bonds: np.ndarray
-) -> Stretches:
+    stretches: DerivativePML, missing: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, bonds: np.ndarray
+) -> DerivativePML:
     """Return the tables of the same nodes without some bonds, given by their node, other end and number; `missing`,
     shape (dim, L), is the sum of `vectors` over the absent ones, slot by slot.
     """

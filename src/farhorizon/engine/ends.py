@@ -22,7 +22,7 @@ _MODES = 8  # modes of an end are padded to whole vectors
 _ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be vectorised; inlined, because two copies would differ
 
 
-class Ends(NamedTuple):
+class ExactEndTables(NamedTuple):
     """Chains beyond the ends of a bar. K4 is K rounded up to a multiple of four; entries beyond K are zero."""
 
     first: float = 1.0  # weight of the sample at step 0
@@ -43,7 +43,7 @@ class Ends(NamedTuple):
     history: np.ndarray = doubles(0, 0, 0)  # values of the drivers, shape (ends, steps, K)
 
 
-def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> Ends:
+def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> ExactEndTables:
     """Return the tables of the ends, with zero states: poles, inputs and outputs, complex and of shapes (P,), (P, K)
     and (P, K), for each end that is a sum of exponentials, and the steps in a block of convolutions, 0 without.
     """
@@ -63,7 +63,7 @@ def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (
             poles[end, 0, used], poles[end, 1, used] = z.real, z.imag
             inputs[end, :reach, used], inputs[end, :reach, imaginary] = c.real.T, c.imag.T
             outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
-    return Ends(
+    return ExactEndTables(
         first=float(first),
         clock=np.zeros(1, np.int64),
         nodes=nodes.astype(np.int64),

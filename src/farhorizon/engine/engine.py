@@ -18,11 +18,11 @@ from farhorizon.engine.codegen.build import load_program
 from farhorizon.engine.codegen.matrices import Signs, signs_of
 from farhorizon.engine.codegen.structs import Struct
 from farhorizon.engine.dampers import DamperTables
-from farhorizon.engine.derivative_pml import Stretches
-from farhorizon.engine.ends import Ends
+from farhorizon.engine.derivative_pml import DerivativePML
+from farhorizon.engine.ends import ExactEndTables
 from farhorizon.engine.exchange import LEVEL, Exchange
 from farhorizon.engine.field import first_tables, numbers_of
-from farhorizon.engine.layer_operators import LayerPass, drag_pass, heat_passes
+from farhorizon.engine.layer_operators import LayerOperator, drag_pass, heat_passes
 from farhorizon.engine.layer_tables import LayerSetup, LayerTables
 from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import SLACK, Layout, aligned, aligned_zeros
@@ -47,12 +47,12 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.phases import NEVER
 from farhorizon.engine.tables import Inputs, Stage
-from farhorizon.engine.two_pass import Passes, StateSums
+from farhorizon.engine.two_pass import StateSums, TwoPassOperator
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
-Kept = TypeVar("Kept", Layers, Stretches)
+Kept = TypeVar("Kept", Layers, DerivativePML)
 # Values of the field plus a quarter of the layers' memory; with fewer, one thread is done before a second has started.
 _PARALLEL_NUMBERS = 40_000
 
@@ -164,7 +164,7 @@ class Engine:
     """
 
     tables: Tables  # of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them
-    heat_passes: tuple[LayerPass, ...]  # thermal forces and traces, if heat passes through the layers
+    heat_passes: tuple[LayerOperator, ...]  # thermal forces and traces, if heat passes through the layers
     layers_of_passes: list[LayerTables | None]  # by the number of the pass; None for passes that do not exist
     all_layers: list[LayerTables]  # of the passes that exist
     memory: np.ndarray  # of the layers, of the type `kept`: that of the field, or the first halves of its values
@@ -217,7 +217,7 @@ class Engine:
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         springs = self.layer_setup if self.weights.any() else self.layer_setup._replace(recursion={})  # of two passes
         self.layer_tables = LayerTables(springs, matrices, signs, signs, alike)
-        self.passes = None if sums is None else Passes(self, sums)
+        self.passes = None if sums is None else TwoPassOperator(self, sums)
         self.heat_vectors = np.zeros((0, 0)) if heat is None else heat
         self.heat_passes = () if heat is None else heat_passes(self.layer_setup, heat, alike)
         self.drag_pass = drag_pass(self.layer_setup, signs) if dragged else None
@@ -343,12 +343,12 @@ class Engine:
         """Set the nodes with prescribed values, which are those of the columns of `held_values` in `advance`."""
         self.held = nodes.astype(np.int64)
 
-    def set_ends(self, ends: Ends) -> None:
+    def set_ends(self, ends: ExactEndTables) -> None:
         """Set the exact ends of a bar (`ends.ends_table`)."""
         self.replace(ends=ends)
 
     @property
-    def ends(self) -> Ends:
+    def ends(self) -> ExactEndTables:
         """Tables of the exact ends."""
         return self.tables.ends
 

@@ -12,7 +12,7 @@ from farhorizon.engine.codegen.matrices import Signs
 from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.filter import Filter, filter_tables
-from farhorizon.engine.layer_operators import LayerPass
+from farhorizon.engine.layer_operators import LayerOperator
 from farhorizon.engine.layer_tables import LayerSetup, LayerTables
 from farhorizon.engine.layout import Block, Layout, aligned_zeros, with_defaults
 from farhorizon.engine.operations import FURTHER_PASSES, Operation, Tables
@@ -46,8 +46,8 @@ class Field(Protocol):
     tables: Tables
     passes: Any
     heat_vectors: np.ndarray
-    heat_passes: tuple[LayerPass, ...]
-    drag_pass: LayerPass | None
+    heat_passes: tuple[LayerOperator, ...]
+    drag_pass: LayerOperator | None
     all_layers: list[LayerTables]
     exchange: Exchange | None
 

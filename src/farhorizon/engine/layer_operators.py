@@ -37,7 +37,7 @@ from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.tables import Pass, Sweep
 
 
-class LayerPass:
+class LayerOperator:
     """Tables of a further pass with these weights, shape (K, rows, columns), see `LayerTables`."""
 
     def __init__(
@@ -59,14 +59,14 @@ class LayerPass:
         return cut_layers(self.layer_tables, nodes, neighbours, self.weights[bonds])
 
 
-def drag_pass(setup: LayerSetup, signs: Signs) -> LayerPass:
+def drag_pass(setup: LayerSetup, signs: Signs) -> LayerOperator:
     """Return the pass from the increments of a step, with these signs, to their sums over neighbours."""
     components = len(signs)
     weights = np.broadcast_to(np.eye(components), (len(setup.offsets), components, components))
-    return LayerPass(setup, weights, signs, signs)
+    return LayerOperator(setup, weights, signs, signs)
 
 
-def heat_passes(setup: LayerSetup, vectors: np.ndarray, alike: bool) -> tuple[LayerPass, LayerPass]:
+def heat_passes(setup: LayerSetup, vectors: np.ndarray, alike: bool) -> tuple[LayerOperator, LayerOperator]:
     """Return the passes from thermal strains to forces and from displacements to the traces of the stresses.
 
     `vectors`, shape (K, d), are the forces of the bonds, or of the springs of state-based media, per unit strain, in
@@ -78,8 +78,8 @@ def heat_passes(setup: LayerSetup, vectors: np.ndarray, alike: bool) -> tuple[La
     if not vectors.any():  # state-based media may have no springs
         setup = setup._replace(recursion={})
     return (
-        LayerPass(setup, -vectors[:, :, None] / 2, scalar, vector, alike),
-        LayerPass(setup, vectors[:, None, :] / 2, vector, scalar, alike),
+        LayerOperator(setup, -vectors[:, :, None] / 2, scalar, vector, alike),
+        LayerOperator(setup, vectors[:, None, :] / 2, vector, scalar, alike),
     )
 
 

@@ -17,9 +17,9 @@ from farhorizon.engine.bonds import Bonds
 from farhorizon.engine.codegen.exchanges import USED
 from farhorizon.engine.damage import FORCES, STATES, STATES_AGAIN
 from farhorizon.engine.dampers import Dampers
-from farhorizon.engine.derivative_pml import Stretches
+from farhorizon.engine.derivative_pml import DerivativePML
 from farhorizon.engine.drag import Drag
-from farhorizon.engine.ends import Ends
+from farhorizon.engine.ends import ExactEndTables
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.layers import Layers, has_layers
@@ -123,11 +123,11 @@ class Tables(NamedTuple):
     damping: Damping = empty(Damping)
     # Acceleration of each place by a given force, relative to a node of the medium; shape (places,), or empty.
     mobility: np.ndarray = reals(0)
-    ends: Ends = empty(Ends)
+    ends: ExactEndTables = empty(ExactEndTables)
     dependents: Dependents = empty(Dependents)
     outline_stencil: OutlineStencil = empty(OutlineStencil)
     filter: Filter = empty(Filter)
-    stretches: Stretches = empty(Stretches)
+    stretches: DerivativePML = empty(DerivativePML)
     drag: Drag = empty(Drag)
     bonds: Bonds = empty(Bonds)
     phases: Phases = empty(Phases)

@@ -94,7 +94,7 @@ def apply_local(law, start, n, room):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def leave_out_heat(law, start, n, number):
+def leave_out_thermal_strain(law, start, n, number):
     """Subtract thermal strains from the states of neighbours of one kind; `number` is the index of their matrix, or
     -1.
     """
@@ -112,7 +112,7 @@ def apply_whole(thread, law, first, last):
     """Apply the law to neighbours with all their bonds, from the place `first` on, before `last`; in place."""
     values, intact, size = law.values, law.intact, law.values.itemsize
     if law.thermal_strain.size and first < last:
-        leave_out_heat(law, first, last - first, -1)
+        leave_out_thermal_strain(law, first, last - first, -1)
     if law.local.size:
         for start in range(first, last, CHUNK):
             apply_local(law, start, min(CHUNK, last - start), law.room[thread.number])
@@ -136,7 +136,7 @@ def apply_law(thread, law, row, origin, first, last):
             at, on = origin + begin, begin - place
             if law.thermal_strain.size:
                 for i in range(end - begin):
-                    leave_out_heat(law, at + i, 1, rows.kinds[kind + on + i])
+                    leave_out_thermal_strain(law, at + i, 1, rows.kinds[kind + on + i])
             matrix = rows.weights.ctypes.data + (weight + on * (function == EACH)) * size
             state, laws = values.ctypes.data + at * size, law.functions
             call_map(laws[function], state, apart, state, apart, matrix, step * size, end - begin, 1.0)

@@ -62,7 +62,11 @@ from farhorizon.engine.operations import (
 from farhorizon.engine.outline_stencil import fill_outline
 from farhorizon.engine.phases import dissolve, find_runs, melt
 from farhorizon.engine.release import break_by_energy
-from farhorizon.engine.thermal_strain import advance_thermal_strains, push_beyond, push_springs
+from farhorizon.engine.thermal_strain import (
+    advance_thermal_strains,
+    subtract_thermal_forces,
+    subtract_thermal_forces_beyond,
+)
 from farhorizon.engine.threads import barrier, chunk_of
 
 # A literal argument would have a type of its own, for each of which Numba compiles a function again.
@@ -336,7 +340,7 @@ def filter_layers(thread, stage, sums, tables, inputs, step, number):
 
 
 @operation(DAMPERS)
-def move_hanging_masses(thread, stage, sums, tables, inputs, step, number):
+def advance_hanging_masses(thread, stage, sums, tables, inputs, step, number):
     """Move the masses of the tuned dampers, which hang on nodes of the layers."""
     move_dampers(thread, stage, tables.dampers)
 
@@ -430,13 +434,13 @@ def stretch_all_forces(thread, stage, sums, tables, inputs, step, number):
 @operation(THERMAL_FORCES)
 def add_thermal_forces(thread, stage, sums, tables, inputs, step, number):
     """Subtract the effect of thermal strains from the forces of springs beside states."""
-    push_springs(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
+    subtract_thermal_forces(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
 
 
 @operation(THERMAL_FORCES_BEYOND)
 def add_thermal_forces_beyond(thread, stage, sums, tables, inputs, step, number):
     """Do the same for bonds without a law of their own, and for springs beside states, on all nodes."""
-    push_beyond(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
+    subtract_thermal_forces_beyond(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
 
 
 @operation(ADVANCE_STRAINS)

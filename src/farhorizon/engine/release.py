@@ -24,7 +24,7 @@ from farhorizon.engine.bonds import (
     JUST_CHANGED,
     LAW_EXTENT,
     LAW_FIRST,
-    curved_part,
+    range_under_law,
     spring_factor,
     weaker,
 )
@@ -204,7 +204,7 @@ def break_row(stage, medium, i0, i1, begin, end, lines):
     row = i1 // (_ROWS_3 if medium.gradient.columns == 3 else _ROWS_2)
     fill_lines(medium.gradient.sweep.law, bonds, 0, 0, end - begin, lines, True)
     for bond in range(places.shape[0]):
-        low, top = curved_part(zone, i0, i1, places[bond], begin, end)
+        low, top = range_under_law(zone, i0, i1, places[bond], begin, end)
         node = block[0] + i0 * block[4] + i1 * block[5] + low
         word, bit = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
         weigh_row(stage.src, stage.part, medium, bond, node, top - low, lines)
@@ -263,7 +263,7 @@ def largest_energy(u, medium):
             for begin in range(zone[FIRST + 2], zone[END + 2], PATCH_NODES):
                 for bond in range(places.shape[0]):
                     end = min(begin + PATCH_NODES, zone[END + 2])
-                    low, top = curved_part(zone, i0, i1, places[bond], begin, end)
+                    low, top = range_under_law(zone, i0, i1, places[bond], begin, end)
                     node = block[0] + i0 * block[4] + i1 * block[5] + low
                     bit = np.uint64(1) << np.uint64(bond & 63)
                     weigh_row(u, 0, medium, bond, node, top - low, lines)

@@ -71,9 +71,9 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
     engine.replace(damping=Damping(nodes.astype(np.int64), *factors))
 
 
-def set_heat(engine: Engine, spacing: float) -> None:
-    """Let nodes, a spacing apart in the unit of the field, have thermal strains from now on, whose values `give_heat`
-    sets; requires `BondZone.set` with `warm`.
+def set_thermal_strain(engine: Engine, spacing: float) -> None:
+    """Let nodes, a spacing apart in the unit of the field, have thermal strains from now on, whose values
+    `give_thermal_strain` sets; requires `BondZone.set` with `warm`.
     """
     tables, thermal_strain = engine.tables, engine.tables.bonds.thermal_strain
     arms = spacing * engine.offsets[:, 3 - engine.components :].astype(float)
@@ -95,7 +95,7 @@ def set_heat(engine: Engine, spacing: float) -> None:
     engine.replace(heat=heat)
 
 
-def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
+def give_thermal_strain(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
     """Set the thermal strains of the nodes of the core as of some steps ago, and their change per step; all processes
     that exchange halos call this together.
     """
@@ -106,9 +106,9 @@ def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int =
         heat.thermal_strain[:] += heat.rate
 
 
-def give_heat_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) -> None:
+def give_thermal_strain_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) -> None:
     """Set the thermal strains of nodes in the layers and in front of them, by their places in a level, after
-    `give_heat`; they stay until the next call. Beyond the outer ends of the layers they are zero.
+    `give_thermal_strain`; they stay until the next call. Beyond the outer ends of the layers they are zero.
     """
     thermal_strain, nodes = engine.tables.heat.thermal_strain, engine.layout.box.node_indices()
     thermal_strain[places] = strains * engine.absent.exists[places]

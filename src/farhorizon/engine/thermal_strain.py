@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.bonds import END, FIRST, bond_factor, curved_part
+from farhorizon.engine.bonds import END, FIRST, bond_factor, range_under_law
 from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import reals
 from farhorizon.engine.threads import barrier, chunk_of
@@ -94,7 +94,7 @@ def add_traces_of_states(traces, values, block, bonds, units):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def push_springs(thread, stage, block, material, bonds, heat):
+def subtract_thermal_forces(thread, stage, block, material, bonds, heat):
     """Subtract the forces of thermal strains from those of the present springs.
 
     Nodes outside the zone of the bonds have no thermal strain, like the medium far away.
@@ -122,7 +122,7 @@ def push_springs(thread, stage, block, material, bonds, heat):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def push_beyond(thread, stage, block, material, bonds, heat):
+def subtract_thermal_forces_beyond(thread, stage, block, material, bonds, heat):
     """Subtract the forces of thermal strains, on all nodes of the box, from those of the present bonds without a law of
     their own, or of the springs of state-based media.
     """
@@ -134,7 +134,7 @@ def push_beyond(thread, stage, block, material, bonds, heat):
         for k in range(vectors.shape[0]):
             distance, mask = bonds.places[k, 0], np.uint64(1) << np.uint64(k & 63)
             alive = bonds.alive[k >> 6, node:]
-            start, stop = curved_part(bonds.zone, i0, i1, bonds.places[k], 0, block[3]) if bonds.forces else (0, 0)
+            start, stop = range_under_law(bonds.zone, i0, i1, bonds.places[k], 0, block[3]) if bonds.forces else (0, 0)
             for first, end in ((0, start), (stop, block[3])):
                 for a in range(stage.rows):
                     push, out = stage.scale * vectors[k, a] / 2, stage.out[node + a * apart :]

@@ -21,7 +21,7 @@ from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.codegen.build import load_rows
 from farhorizon.engine.codegen.choose import compiled_sums, equal_blocks
 from farhorizon.engine.codegen.matrices import Signs, signs_of
-from farhorizon.engine.derivative_pml import Stretches, stretches_of, without_bonds
+from farhorizon.engine.derivative_pml import DerivativePML, stretches_of, without_bonds
 from farhorizon.engine.field import Field
 from farhorizon.engine.layer_operators import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
@@ -57,7 +57,7 @@ class StateSums:
     alpha: np.ndarray | None = None
 
 
-class Passes:
+class TwoPassOperator:
     """The two passes of an engine that already has its layout."""
 
     def __init__(self, engine: Field, sums: StateSums) -> None:
@@ -74,11 +74,11 @@ class Passes:
         self.start = 0  # start of the memory of stretched derivatives in the engine's memory
         self.scales = [np.ones(len(engine.stages.numbers)), np.array([n[2] for n in engine.stages.numbers])]
 
-    def _stretches(self) -> Stretches:
+    def _stretches(self) -> DerivativePML:
         """Return the stretches of nodes with all their bonds."""
         phi, alpha, dim = self.sums.phi, self.sums.alpha, self.engine.components
         if phi is None or alpha is None:
-            return with_defaults(Stretches, self.dtype)
+            return with_defaults(DerivativePML, self.dtype)
         return stretches_of(
             self.layout.box,
             phi,
@@ -88,7 +88,7 @@ class Passes:
             self.layout.distances,
         )
 
-    def stretch_tables(self) -> Stretches:
+    def stretch_tables(self) -> DerivativePML:
         """Return the stretches together with work space for the threads."""
         return self.stretches._replace(room=np.zeros((self.engine.threads, CHUNK), self.dtype))
 
@@ -339,14 +339,14 @@ class _MissingBonds:
     @classmethod
     def of(
         cls,
-        passes: Passes,
+        passes: TwoPassOperator,
         nodes: np.ndarray,
         neighbours: np.ndarray,
         bare_nodes: np.ndarray,
         bare: np.ndarray,
         exists: np.ndarray,
     ) -> _MissingBonds:
-        """Construct from the arguments of `Passes.leave_out`."""
+        """Construct from the arguments of `TwoPassOperator.leave_out`."""
         bonds = passes.layout.bonds_between(nodes, neighbours)
         deficient = np.union1d(nodes, bare_nodes)
         at, beside = np.searchsorted(deficient, nodes), np.searchsorted(deficient, bare_nodes)

@@ -12,7 +12,7 @@ from farhorizon import kinds
 from farhorizon.geometry.interpolation import interpolation_blocks
 from farhorizon.inverse.adjoint import Residuals, adjoint_run
 from farhorizon.inverse.checks import asked_for, check_linear, check_misfits, check_region, misfits_of
-from farhorizon.inverse.history import PatchRecorder, Piece, Remade, Rows, Whole, advance
+from farhorizon.inverse.history import GlobalDomain, PatchRecorder, Piece, Remade, Rows, advance
 from farhorizon.inverse.medium import Medium
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.patch import Patch
@@ -210,7 +210,7 @@ class _Gradient:
         if (self.steps + 2) * row <= budget:
             sim.recorders.append(self.rows)  # in place of a simulation that differs by this recorder alone
             sim._recording = Recording(sim.setup, sim.parts, sim.recorders)
-            return sim, Whole(sim, self.rows, self.steps)
+            return sim, GlobalDomain(sim, self.rows, self.steps)
         return sim, Remade.within(budget, row, sim, self.setup, self.rows, self.steps)
 
     def found(self, illumination: bool) -> Gradient:

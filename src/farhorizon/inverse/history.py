@@ -11,7 +11,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.inverse.patch import Patch
 from farhorizon.inverse.schedule import pieces_backward, repeats, states_ahead
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordRequest, StepValues
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
@@ -34,7 +34,7 @@ class PatchRecorder(Recorder, offered=False):
         self.patch = patch
         self.nodes = np.zeros(0, np.int64) if nodes is None else nodes
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         self._background = parts.near.background
         return RecordRequest(np.concatenate([self.patch.nodes, self.nodes]), ())
 
@@ -172,7 +172,7 @@ def _parts_of(sim: Simulation) -> tuple[np.ndarray, ...]:
     return sim.engine.levels, sim.engine.memory
 
 
-class Whole:
+class GlobalDomain:
     """A history that is kept as a whole.
 
     Parameters

@@ -13,7 +13,7 @@ from farhorizon.inverse.history import Rows
 from farhorizon.inverse.patch import Patch
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.reference_medium import constants_of
 from farhorizon.simulation.setup.setup import Setup
 
@@ -36,7 +36,9 @@ class Medium:
         What the derivatives are taken by.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, patch: Patch, region: np.ndarray, constants: Sequence[str]) -> None:
+    def __init__(
+        self, setup: Setup, parts: RunParts, patch: Patch, region: np.ndarray, constants: Sequence[str]
+    ) -> None:
         near = parts.near
         self.patch, self.region, self.near = patch, region, near
         values = constants_at_nodes(setup)

@@ -39,7 +39,7 @@ from farhorizon.simulation.sides.exterior import Exterior, changes
 from farhorizon.simulation.sides.held_and_damped import check_conditions, hold_and_damp
 from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
-from farhorizon.simulation.time.breaking import Breaking
+from farhorizon.simulation.time.breaking import BreakableBonds
 from farhorizon.simulation.time.of_field import field_source_terms
 from farhorizon.simulation.time.source_terms import (
     Arriving,
@@ -70,7 +70,7 @@ _STAYS_OPEN = (
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
+class GlobalDomain:
     """The whole near field and its sides, which recorders use on each of several processes that have parts of a run."""
 
     near: NearField
@@ -87,7 +87,7 @@ class Whole:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class RunParts:
     """The parts of a run."""
 
     near: NearField
@@ -101,13 +101,13 @@ class Parts:
     phases: SolidAndLiquid | None  # of a corrosion
     closure: OutlineCondition | None  # conditions along the outline of the near field
     cuts: CutBonds
-    breaking: Breaking | None  # bonds that are nonlinear or break
+    breaking: BreakableBonds | None  # bonds that are nonlinear or break
     held: np.ndarray  # places in a level whose values never change
     ends: ExactEnds | None
     incident: list[Incidence]
     active_terms: list[SourceTerm]  # sources, loads, conditions, incident waves, and what depends on the field
     of_field: list[tuple[str, SourceTerm]]  # the latter, with their names
-    whole: Whole  # on several processes, the parts given to recorders have that of all processes
+    whole: GlobalDomain  # on several processes, the parts given to recorders have that of all processes
     thermoelastic: frozenset[Key]  # sides beyond which a temperature continues with the displacements
 
     def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
@@ -127,11 +127,11 @@ class Parts:
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class Prepared:
     """The medium, sides and sources of a run, before a grid is made."""
 
     setup: Setup  # with a uniform model
-    autos: dict[Key, Side]  # as in `Parts`
+    autos: dict[Key, Side]  # as in `RunParts`
     near: NearField
     layered: LayeredSides
     waves: list[Arriving]
@@ -140,7 +140,7 @@ class Survey:
 
 def survey(
     given_setup: Setup, stiffer: float = 1.0, team: ProcessGroup = ALONE, subdomain: Subdomain | None = None
-) -> Survey:
+) -> Prepared:
     """Determine the medium, the sides and the sources of a set-up; see `assembled`."""
     setup, variation, of_whole = given_setup, Variation(), None
     if subdomain is not None:
@@ -171,10 +171,10 @@ def survey(
         check_signals(setup, near)
         waves = incident_waves(setup, near, sides if subdomain is None else subdomain.sides, _cuts(setup), team)
         sources = given(setup, near, sides)
-    return Survey(setup, autos, near, _with_layers(setup, near, sides), waves, sources)
+    return Prepared(setup, autos, near, _with_layers(setup, near, sides), waves, sources)
 
 
-def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Parts:
+def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> RunParts:
     """Return the parts of a run on one process; see `assembled`."""
     return _stiffened(
         setup, ALONE, lambda stiffer: assembled(setup, stiffer, margins_given=margins_given), lambda parts: parts
@@ -183,19 +183,19 @@ def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Pa
 
 def assemble_subdomain(
     setup: Setup, team: ProcessGroup, topology: Sequence[int] | None, observers: Sequence[Any]
-) -> tuple[Subdomain, Whole, Parts]:
+) -> tuple[Subdomain, GlobalDomain, RunParts]:
     """Return the subdomain of this process, the whole for recorders, and the parts; see `assembled`, `shared`."""
     check_divisible(setup, observers)
     check_choosable(setup)
 
-    def built(stiffer: float) -> tuple[Subdomain, Whole, Parts]:
+    def built(stiffer: float) -> tuple[Subdomain, GlobalDomain, RunParts]:
         subdomain, whole = shared(setup, team, topology, stiffer)
         return subdomain, whole, assembled(subdomain.setup, stiffer, team, subdomain)
 
     return _stiffened(setup, team, built, lambda results: results[2])
 
 
-def _stiffened(setup: Setup, team: ProcessGroup, built: Callable[[float], T], parts_of: Callable[[T], Parts]) -> T:
+def _stiffened(setup: Setup, team: ProcessGroup, built: Callable[[float], T], parts_of: Callable[[T], RunParts]) -> T:
     """Build a run, for a stiffening, and build it again if it turns out to be stiffer than the medium; `parts_of`
     returns the parts among what `built` does, which fails on all processes if it does on one.
     """
@@ -217,7 +217,7 @@ def assembled(
     team: ProcessGroup = ALONE,
     subdomain: Subdomain | None = None,
     margins_given: Mapping[Key, int] | None = None,
-) -> Parts:
+) -> RunParts:
     """Return the parts of a run; cheap checks of the set-up come before expensive ones, and what the run does not use
     is not entered.
 
@@ -266,7 +266,7 @@ def assembled(
     if incident or (near.varies and signals(setup)):
         exterior.notes.extend(own_step(setup, near))
     regions = [wave.region for wave in incident]
-    breaking = None if law is None else Breaking(law, near, sides, grid, cuts, regions, team)
+    breaking = None if law is None else BreakableBonds(law, near, sides, grid, cuts, regions, team)
     if law is not None and law.nonlinear and incident:
         exterior.notes.append(
             "an incident wave is one of linear bonds: with nonlinear ones a fraction of it about as large as its "
@@ -286,7 +286,7 @@ def assembled(
     active_terms += [(None, lambda t, wave=wave: wave.source(t) / setup.model.source_factor) for wave in incident]
     terms_of_field = field_source_terms(setup, near, sides, grid, team) if setup.depends_on_field else []
     active_terms += [source_term for _, source_term in terms_of_field]
-    return Parts(
+    return RunParts(
         near,
         layered,
         surveyed.autos,
@@ -304,12 +304,12 @@ def assembled(
         incident,
         active_terms,
         terms_of_field,
-        Whole(near, layered.sides),
+        GlobalDomain(near, layered.sides),
         thermoelastic,
     )
 
 
-def _look_beyond(surveyed: Survey, team: ProcessGroup) -> Exterior:
+def _look_beyond(surveyed: Prepared, team: ProcessGroup) -> Exterior:
     """Prepare the checks beyond absorbing sides, with all notes so far and those on a medium that varies there."""
     setup, near, layered = surveyed.setup, surveyed.near, surveyed.layered
     lattice, stencil = setup.lattice, near.stencil
@@ -335,7 +335,7 @@ def _look_beyond(surveyed: Survey, team: ProcessGroup) -> Exterior:
 
 
 def _margins(
-    surveyed: Survey, layered: LayeredSides, start: Start, states: ForceStates | None, team: ProcessGroup
+    surveyed: Prepared, layered: LayeredSides, start: Start, states: ForceStates | None, team: ProcessGroup
 ) -> dict[Key, int]:
     """Return the number of nodes of the core beyond each side of the near field."""
     setup, near = surveyed.setup, surveyed.near
@@ -367,7 +367,7 @@ def _set_engine(setup: Setup, grid: Grid, margins: Mapping[Key, int]) -> None:
         set_drag(grid.engine, setup.model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
 
 
-def _cut(setup: Setup, cuts: CutBonds, breaking: Breaking | None, notes: list[str]) -> None:
+def _cut(setup: Setup, cuts: CutBonds, breaking: BreakableBonds | None, notes: list[str]) -> None:
     """Cut the bonds across cracks that are open from the start."""
     cuts.cut(setup.cracks)
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
@@ -403,7 +403,7 @@ def _acted_on(near: NearField, active_terms: Sequence[SourceTerm]) -> np.ndarray
 
 def shared(
     setup: Setup, team: ProcessGroup, topology: Sequence[int] | None, stiffer: float = 1.0
-) -> tuple[Subdomain, Whole]:
+) -> tuple[Subdomain, GlobalDomain]:
     """Return the subdomain of this process, and the whole for recorders, without evaluating the whole set-up on any
     process; raises InputError if the run is not possible on several processes.
     """
@@ -416,4 +416,4 @@ def shared(
     extremes = extremes_of(setup, reference_medium, stencil, team, stiffer)
     layered = by_target(uniform, setup.sides, stencil, extremes.contrast.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), extremes=extremes)
-    return subdomain_of(setup, reference_medium, layered, near, team, topology), Whole(near, setup.sides, team)
+    return subdomain_of(setup, reference_medium, layered, near, team, topology), GlobalDomain(near, setup.sides, team)

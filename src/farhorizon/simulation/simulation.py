@@ -39,7 +39,7 @@ from farhorizon.simulation.setup.setup import Key, Setup, side_name
 from farhorizon.simulation.setup.surface_effect import thin_note
 from farhorizon.simulation.sides.layer_choice import default_length
 from farhorizon.simulation.sides.side_selection import SideSelection, extension_warnings, many_steps, resolved_sides
-from farhorizon.simulation.time.breaking import look_at
+from farhorizon.simulation.time.breaking import check_margin
 from farhorizon.simulation.time.checkpoint_files import read_state, write_state
 from farhorizon.simulation.time.energies import present
 from farhorizon.simulation.time.outer_loop import (
@@ -364,7 +364,7 @@ class Simulation(Run):
                 if (warning := self.parts.phases.warning(self.team.largest(self.parts.phases.most))) is not None:
                     warn_once(self, "supersaturated", warning)
             if time_loop.every:
-                look_at(self, time_loop.margin, time_loop.every, self.engine.current)
+                check_margin(self, time_loop.margin, time_loop.every, self.engine.current)
 
     def _set_probes(self, nodes: np.ndarray) -> None:
         if self._recording is None:

@@ -149,7 +149,9 @@ def test_a_comment_compiles_nothing_and_a_change_does(tmp_path):
     """In processes of their own, with a copy of the package and a cache that is empty at first."""
     shutil.copytree(PACKAGE, tmp_path / "farhorizon", ignore=shutil.ignore_patterns("__pycache__", "papers", "gallery"))
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "FARHORIZON_CACHE": str(tmp_path / "cache")}
-    vectors, matrices = (tmp_path / "farhorizon" / "engine" / "rows" / name for name in ("vectors.py", "matrices.py"))
+    vectors, matrices = (
+        tmp_path / "farhorizon" / "engine" / "codegen" / name for name in ("vectors.py", "matrices.py")
+    )
 
     def compiles():
         command = [sys.executable, "-c", LOAD]

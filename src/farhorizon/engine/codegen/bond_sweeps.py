@@ -230,7 +230,7 @@ class _Tile:
     def least(self, a: Any, b: Any) -> Any:
         return self.builder.select(self.builder.fcmp_ordered("<", a, b), a, b)
 
-    def elongation(self, e: Any) -> Any:
+    def bond_stretch(self, e: Any) -> Any:
         """Stretch of bonds that follow the law."""
         if not self.law.nonlinear:
             return self.builder.fmul(e, self.constant(0.5))
@@ -241,7 +241,7 @@ class _Tile:
     def residual(self, e: Any, bond: Any, row: int) -> Any:
         """Fraction of a bond's stiffness that a stretch beyond the limit leaves; zero where both limits are equal."""
         builder = self.builder
-        stretch, onset = self.elongation(e), self.elongation(self.limit_of(bond, row))
+        stretch, onset = self.bond_stretch(e), self.bond_stretch(self.limit_of(bond, row))
         here = self.vectors.load(self.place(self.final, self.rows[row], 0))
         final = self.least(here, self.beyond(bond, row, self.final))
         width = builder.fsub(final, onset)
@@ -381,7 +381,7 @@ def _soften(
         now = builder.select(over, tile.least(tile.residual(e, bond, row), before), before)
         vectors.store(now, place)
         ago = tile.stretch(xi, inverse, tile.differences_before(bond, row), curved)[0]
-        both = builder.fmul(tile.elongation(e), tile.elongation(tile.mechanical(ago, bond, row, curved)))
+        both = builder.fmul(tile.bond_stretch(e), tile.bond_stretch(tile.mechanical(ago, bond, row, curved)))
         energy = builder.fmul(builder.fmul(builder.fsub(before, now), builder.fdiv(stiffness, inverse)), both)
         energy = builder.select(over, energy, tile.constant(0.0))
         lanes = [builder.extract_element(energy, ir.IntType(32)(lane)) for lane in range(LANES)]

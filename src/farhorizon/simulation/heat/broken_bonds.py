@@ -11,11 +11,11 @@ import numpy as np
 
 from farhorizon.engine.bonds import set_bits
 from farhorizon.errors import InputError
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import Bonds
 from farhorizon.simulation.setup.setup import Sides
-from farhorizon.simulation.time.breaking import Breaking
+from farhorizon.simulation.time.breaking import BreakableBonds
 
 GAPING, TOUCHING, INTACT = range(3)  # states of a bond
 
@@ -28,7 +28,7 @@ class BrokenBonds:
     are taken as apart.
     """
 
-    def __init__(self, breaking: Breaking, touching: bool, group: ProcessGroup = ALONE) -> None:
+    def __init__(self, breaking: BreakableBonds, touching: bool, group: ProcessGroup = ALONE) -> None:
         self.breaking, self.grid, self._touching = breaking, breaking.grid, touching
         engine, grid = self.grid.engine, self.grid
         engine.bonds.expect_cuts()
@@ -132,7 +132,7 @@ class InsulatedBonds:
         self._first = np.array([0] * lead + [int(n) for n in first])
         self._period = np.array([0] * lead + [n if sides[a, -1].periodic else 0 for a, n in enumerate(shape)])
 
-    def of(self, table: np.ndarray, heat: Parts) -> Bonds:
+    def of(self, table: np.ndarray, heat: RunParts) -> Bonds:
         """Return the interrupted bonds on the nodes of a heat conduction: nodes, neighbours, and lost weights."""
         at, broken = self.solid.bonds_of(table[:, 0])
         row, link = np.nonzero(self._bonds[broken] >= 0)

@@ -32,7 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from farhorizon.boundaries import Side
-from farhorizon.engine.settings import give_heat
+from farhorizon.engine.settings import give_thermal_strain
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
 from farhorizon.simulation.heat.coupling import expansion_of
@@ -98,7 +98,7 @@ class StaggeredTemperature(ThermalStrains):
         changed = self._now - self._reference
         strains = self.near.inside(self._expansion * changed)
         self._check_heat(changed, step)
-        give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
+        give_thermal_strain(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
         if self._beyond is not None:
             self._beyond.lay()
         return self.explained

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.settings import give_heat
+from farhorizon.engine.settings import give_thermal_strain
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.sources import split
@@ -56,7 +56,7 @@ class ThermalStrains:
         start = step - step % self.every if self.every else 0
         strains = self._strains_at(start)
         rate = (self._strains_at(start + self.every) - strains) / self.every if self.every else np.zeros_like(strains)
-        give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(rate), step - start)
+        give_thermal_strain(self.grid.engine, self.grid.grown(strains), self.grid.grown(rate), step - start)
         return self.explained
 
     @property

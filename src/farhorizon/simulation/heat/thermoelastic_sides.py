@@ -15,7 +15,7 @@ import numpy as np
 
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
-from farhorizon.engine.settings import give_heat_beyond
+from farhorizon.engine.settings import give_thermal_strain_beyond
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import heat_alone
@@ -108,7 +108,7 @@ class ThermoelasticNodes:
 
     def lay(self) -> None:
         """Give the thermal strains of these nodes to the engine of the solid."""
-        give_heat_beyond(self.solid, self._places, self._expansion * self.changed)
+        give_thermal_strain_beyond(self.solid, self._places, self._expansion * self.changed)
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Return the values of these nodes, from an array over a level of the solid."""

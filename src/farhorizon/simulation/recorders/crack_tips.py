@@ -10,10 +10,10 @@ from farhorizon import kinds
 from farhorizon.analysis.fracture.crack_paths import CrackPaths, find_cracks, followed, saturated_damage
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.setup import Setup
-from farhorizon.simulation.time.breaking import Breaking
+from farhorizon.simulation.time.breaking import BreakableBonds
 
 _JUMP = 2.0  # horizon + distance of the fastest wave between records, times this: tips farther apart are different
 _WINDOW = 10.0  # horizons travelled by the fastest wave while measuring a speed: tips are located to a fraction of one
@@ -143,7 +143,7 @@ class CrackTips(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near = parts.near
         self._axes = [axis for axis, n in enumerate(near.lattice.whole.shape) if n > 1]
         if len(self._axes) != 2 or parts.breaking is None:
@@ -153,7 +153,7 @@ class CrackTips(RowRecorder):
                 key="crack_tips",
                 remedy="critical_stretch, fracture_energy; StressIntensity for cracks that stay as they are",
             )
-        self._breaking: Breaking = parts.breaking
+        self._breaking: BreakableBonds = parts.breaking
         self._bonds, self._lattice, self.dt = parts.grid.engine.bonds, near.lattice, near.dt
         spacing = near.lattice.spacing
         offsets = parts.grid.engine.offsets[:, parts.grid.lead :][:, self._axes]

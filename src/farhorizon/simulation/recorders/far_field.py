@@ -29,7 +29,7 @@ from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.shell import Shell
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.far_field_checks import (
     LEFT,
     check_history,
@@ -161,7 +161,7 @@ class FarField(LinearRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near = parts.whole.near
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)

@@ -15,7 +15,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Incident
 from farhorizon.medium.shell import Shell
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import size_of_record
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup, side_name
@@ -29,7 +29,7 @@ _TINY = float(np.finfo(float).tiny)
 _ROUNDING = float(np.finfo(float).eps)
 
 
-def medium_outside(parts: Parts) -> Scheme:
+def medium_outside(parts: RunParts) -> Scheme:
     """Return the uniform medium around a run, and its time integration; raises InputError if the medium ends at some
     side or is not linear, or the field is neither a scalar nor a vector.
     """
@@ -103,7 +103,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
     return first, last
 
 
-def check_window(parts: Parts, nodes: np.ndarray, box: Box) -> None:
+def check_window(parts: RunParts, nodes: np.ndarray, box: Box) -> None:
     """Raise InputError if nodes (flat indices) of the shell of a box have no values, as outside a window."""
     if parts.hides(nodes).any():
         raise InputError(
@@ -125,7 +125,7 @@ def steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
     return max(1, int(np.ceil(1 / (near.dt * (highest + float(frequencies.max()))))) - 1)
 
 
-def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:
+def check_outside(setup: Setup, parts: RunParts, box: Box, reach: np.ndarray) -> list[str]:
     """Refuse what must not lie outside a box whose corners are nodes, or too near to its faces: cracks, holes, other
     materials, conditions, metal, initial data, sources; return notes on values there that are smaller than the sides'
     targets. `reach` is that of a step along each axis.
@@ -174,7 +174,7 @@ def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tup
     ]
 
 
-def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> list[str]:
+def check_moving(parts: RunParts, box: Box, reach: np.ndarray, until: float) -> list[str]:
     """Check sources that do not split into space and time as `check_outside` does, at equidistant times of a run."""
     outside, notes = ~_core(parts, box, reach), []
     for space, source in parts.source_terms.sources:
@@ -242,19 +242,19 @@ def _between(lattice: Lattice, box: Box, margin: np.ndarray) -> list[np.ndarray]
     return [(axis > low) & (axis < high) for axis, low, high in bounds]
 
 
-def _less(parts: Parts, reach: np.ndarray) -> np.ndarray:
+def _less(parts: RunParts, reach: np.ndarray) -> np.ndarray:
     """Return the distance between the box and its core: by how much a step of several stages reaches farther than the
     stencil.
     """
     return np.asarray(reach - parts.near.lattice.spacing * np.array(parts.near.stencil.reach))
 
 
-def _core(parts: Parts, box: Box, reach: np.ndarray) -> np.ndarray:
+def _core(parts: RunParts, box: Box, reach: np.ndarray) -> np.ndarray:
     """Return the nodes of the core of the box in this part of the lattice, as a mask."""
     return _inner(parts.near.lattice, box, _less(parts, reach))
 
 
-def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> None:
+def _check_medium(setup: Setup, parts: RunParts, box: Box, reach: np.ndarray) -> None:
     """Refuse cracks, holes, other materials, conditions and metal that affect bonds through a face or outside."""
     near, lattice, whole_lattice = parts.near, parts.near.lattice, parts.whole.near.lattice
     limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
@@ -296,7 +296,7 @@ def _place(lattice: Lattice, where: np.ndarray) -> np.ndarray:
     return np.asarray(lattice.lower + lattice.spacing * np.argwhere(where)[0])
 
 
-def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
+def _missed(parts: RunParts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
     """Raise InputError if values outside the box exceed the sides' target; return a note on smaller ones."""
     beyond = sizes.reshape(-1, *outside.shape).max(0)
     own_missed, team, model = float(beyond[outside].max(initial=0)), parts.whole.team, parts.near.model

@@ -13,7 +13,7 @@ from farhorizon.analysis.fracture.near_tip import NearTip
 from farhorizon.arguments import Points, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut, Polyline
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup
@@ -120,7 +120,7 @@ class StressIntensity(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near = parts.whole.near
         _check_medium(setup, near)
         ends = _ends([crack.cut for crack in setup.cracks], near)
@@ -159,7 +159,7 @@ class StressIntensity(RowRecorder):
         return {"rows": intensities}
 
 
-def _weights(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+def _weights(domain: InteractionDomain, parts: RunParts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Return the weights with which displacements enter K, shape (modes, nodes, components), where the force on a node
     is what its bonds exert, and the contributions of loads on the faces per unit of their amplitude, shape (loads,
     modes).
@@ -281,7 +281,7 @@ def _circles(
     return inner, outer
 
 
-def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+def _edges(parts: RunParts) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the box in which the field is the total one: the near field, and within it the boxes of
     incident waves, outside which it is the scattered one.
     """
@@ -291,7 +291,7 @@ def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def _medium_at(parts: Parts, tip: np.ndarray) -> NearTip:
+def _medium_at(parts: RunParts, tip: np.ndarray) -> NearTip:
     """Return the near-tip fields for the medium around a tip."""
     lattice = parts.near.lattice.whole
     node = np.ravel_multi_index(lattice.index(tip), lattice.shape)
@@ -299,7 +299,7 @@ def _medium_at(parts: Parts, tip: np.ndarray) -> NearTip:
     return NearTip(lame, shear, antiplane=not parts.near.model.mechanical)
 
 
-def _check_even(parts: Parts, domain: InteractionDomain) -> None:
+def _check_even(parts: RunParts, domain: InteractionDomain) -> None:
     """Refuse a domain in which the medium varies or ends."""
     factor = parts.at(parts.near.material, domain.nodes)  # nan where the medium ends or differs otherwise
     if parts.hides(domain.nodes).any() or not np.ptp(factor) <= _UNEVEN * factor.max():

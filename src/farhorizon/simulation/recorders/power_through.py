@@ -14,7 +14,7 @@ from farhorizon.arguments import Frequencies, OneOf
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.flux import bonds_left, is_cut, plane
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
 from farhorizon.simulation.recorders.receivers import as_frequencies, check_frequencies
@@ -166,7 +166,7 @@ class PowerThrough(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
         surfaces = [_surface_of(surface, parts) for surface in self.surfaces]
@@ -220,7 +220,7 @@ class _Surface(NamedTuple):
     middle: np.ndarray  # shape (dim,)
 
 
-def _surface_of(given: Any, parts: Parts) -> _Surface:
+def _surface_of(given: Any, parts: RunParts) -> _Surface:
     """Return a region or a plane as a surface between nodes; raises InputError if there is no node in the region, or no
     such plane. A region is continued periodically across all sides of the lattice, a plane across periodic ones.
     """
@@ -262,7 +262,7 @@ def _surface_of(given: Any, parts: Parts) -> _Surface:
     return _Surface(given, list(range(lattice.dim)), (~inside).astype(int), middle)
 
 
-def _check_bonds(setup: Setup, parts: Parts) -> None:
+def _check_bonds(setup: Setup, parts: RunParts) -> None:
     """Raise InputError unless the bonds are those of a linear wave equation and do not change."""
     model, weights = parts.near.model, parts.grid.engine.weights
     # the remedy: the energy flux of the continuum, from stresses and velocities
@@ -293,7 +293,7 @@ class _Bonds(NamedTuple):
     weights: np.ndarray  # what is left of them, with states those of the springs next to these; shape (bonds, c, c)
 
 
-def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
+def _crossing(parts: RunParts, surface: _Surface) -> _Bonds:
     """Return the bonds of the near field, including those across periodic sides, from nodes inside to nodes outside, of
     which each process examines those of its nodes; raises InputError if some lead beyond the near field.
     """
@@ -329,7 +329,7 @@ def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
     return _Bonds(numbers[order, :2], numbers[order, 2], all_weights[order])
 
 
-def _of_known(states: _NodeStates, bonds: _Bonds, surface: _Surface, parts: Parts) -> _Bonds:
+def _of_known(states: _NodeStates, bonds: _Bonds, surface: _Surface, parts: RunParts) -> _Bonds:
     """Return the bonds whose ends both have known states; where a plane ends, some may not. Raises InputError if states
     next to the surface depend on what lies beyond the near field.
     """
@@ -339,7 +339,7 @@ def _of_known(states: _NodeStates, bonds: _Bonds, surface: _Surface, parts: Part
     return _Bonds(*(table[known.all(axis=1)] for table in bonds))
 
 
-def _leads_out(parts: Parts, surface: _Surface) -> InputError:
+def _leads_out(parts: RunParts, surface: _Surface) -> InputError:
     nodes = max(parts.near.stencil.reach[a] for a in surface.axes)  # for states, that of both passes together
     return InputError(
         "bonds through the surface lead beyond the near field",
@@ -409,7 +409,7 @@ def _blocks(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tu
     return csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
-def _states_at(parts: Parts, nodes: np.ndarray) -> _NodeStates:
+def _states_at(parts: RunParts, nodes: np.ndarray) -> _NodeStates:
     """Return the states of some nodes, given by their sorted flat numbers; each process contributes those of its own
     nodes.
     """

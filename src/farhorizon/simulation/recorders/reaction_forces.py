@@ -8,7 +8,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, StepValues, Window
 from farhorizon.simulation.setup.setup import Setup
 
@@ -94,7 +94,7 @@ class Reaction(RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near, lattice = parts.near, parts.whole.near.lattice
         if near.model.order != 2:
             raise InputError(
@@ -134,7 +134,7 @@ class Reaction(RowRecorder):
         self.notes = [_rounded(self.name)] if parts.grid.engine.dtype.itemsize < 8 else []
         return RecordRequest(np.concatenate(groups), (), held=tuple(groups))
 
-    def _joined(self, nodes: np.ndarray, parts: Parts) -> np.ndarray:
+    def _joined(self, nodes: np.ndarray, parts: RunParts) -> np.ndarray:
         """Return the numbers in the whole lattice of nodes that each process has in its part."""
         inside = np.zeros(parts.near.lattice.shape, bool)
         inside.flat[nodes] = True

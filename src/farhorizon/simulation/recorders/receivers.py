@@ -23,7 +23,7 @@ from farhorizon.geometry.interpolation import (
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.machine import available_memory
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
 from farhorizon.simulation.recorders.quantities import QUANTITIES, LocalModuli, Reading
 from farhorizon.simulation.recorders.recorder import (
@@ -55,7 +55,7 @@ class _AtPoints(LinearRecorder, offered=False):
     record: tuple[str, ...]
     interpolation: str
 
-    def _examine(self, parts: Parts, names: Iterable[str], key: str) -> None:
+    def _examine(self, parts: RunParts, names: Iterable[str], key: str) -> None:
         """Determine what the quantities need; raises InputError for those not among the named ones of the model."""
         near = parts.whole.near
         known = [name for name in names if QUANTITIES[name].has(near.model)]
@@ -65,7 +65,7 @@ class _AtPoints(LinearRecorder, offered=False):
         self._strained = near.model.warm and any(QUANTITIES[name].stressed for name in self.record)
         self._medium = _moduli_at(parts, self.points)
 
-    def _interpolations(self, setup: Setup, parts: Parts, key: str) -> tuple[Blocks, ...]:
+    def _interpolations(self, setup: Setup, parts: RunParts, key: str) -> tuple[Blocks, ...]:
         """Return the sums that interpolate the field at the points, followed by its derivatives along the axes if a
         quantity needs them.
         """
@@ -75,7 +75,7 @@ class _AtPoints(LinearRecorder, offered=False):
             self._check(setup, parts, sums[-1], another_point(self.interpolation, axis is not None), key)
         return tuple(sums)
 
-    def _check(self, setup: Setup, parts: Parts, blocks: Blocks, remedy: str, key: str) -> None:
+    def _check(self, setup: Setup, parts: RunParts, blocks: Blocks, remedy: str, key: str) -> None:
         """Raise InputError if an interpolation uses nodes beyond a wall, which are images of those inside, or beyond a
         crack, where the field jumps.
         """
@@ -223,7 +223,7 @@ class Receivers(_AtPoints, RowRecorder):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near = parts.whole.near
         self.points = as_points(self.points, near.lattice.dim, "receivers.points")
         self._examine(parts, QUANTITIES, "receivers.record")
@@ -360,7 +360,7 @@ class Spectra(_AtPoints):
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near = parts.whole.near
         lattice, nodes = near.lattice, None
         if self._plane or isinstance(self.where, Shape):
@@ -428,7 +428,7 @@ def _largest_stride(near: NearField) -> int:
     return max(1, int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9)))
 
 
-def _moduli_at(parts: Parts, points: np.ndarray) -> LocalModuli:
+def _moduli_at(parts: RunParts, points: np.ndarray) -> LocalModuli:
     """Return the constants of the medium at points: those of the nearest nodes."""
     lattice = parts.near.lattice.whole
     last = np.array(lattice.shape) - 1  # points outside are refused elsewhere
@@ -479,7 +479,7 @@ def _on_plane(plane: tuple[str, float], lattice: Lattice) -> np.ndarray:
     return np.asarray(np.indices(lattice.shape)[number] + lattice.first[number] == np.round(place))
 
 
-def _nodes(where: Any, is_plane: bool, parts: Parts) -> np.ndarray:
+def _nodes(where: Any, is_plane: bool, parts: RunParts) -> np.ndarray:
     """Return the flat indices of the nodes of the near field in a region or on a plane; raises InputError for none."""
     part, lattice = parts.near.lattice, parts.whole.near.lattice
     if is_plane:

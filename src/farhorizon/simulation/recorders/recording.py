@@ -18,7 +18,7 @@ from farhorizon.engine.settings import record_blocks
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.heat.thermal_strains import ThermalStrains
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.fourier_sums import BLOCK
@@ -124,7 +124,7 @@ class Recording:
     def __init__(
         self,
         setup: Setup,
-        parts: Parts,
+        parts: RunParts,
         recorders: Sequence[Recorder] = (),
         team: ProcessGroup = ALONE,
         heating: ThermalStrains | None = None,

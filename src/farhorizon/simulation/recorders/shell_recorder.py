@@ -13,7 +13,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Region, region_of, resolved_box
 from farhorizon.medium.integrators import Verlet
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import (
     Arrays,
     RecordRequest,
@@ -87,7 +87,7 @@ class ShellRecorder(RowRecorder):
         """The recorded data, independent of the run."""
         return Recorded(self.name, self.points, self.times, self.data, medium=self._medium)
 
-    def begin(self, setup: Setup, parts: Parts) -> RecordRequest:
+    def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near, law = parts.whole.near, parts.near.model.bond_law
         if not isinstance(near.model.integrator, Verlet) or (law is not None and law.nonlinear):
             raise InputError(
@@ -127,7 +127,7 @@ class ShellRecorder(RowRecorder):
         return {"u": window.values[0]}
 
 
-def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
+def _factor(setup: Setup, parts: RunParts, nodes: np.ndarray) -> float:
     """Return the factor on the bonds at the nodes of a shell, given by flat numbers; refuse cracks, holes, other
     materials and conditions there.
     """
@@ -149,7 +149,7 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
     return float(material[0])
 
 
-def _check_rest(parts: Parts, region: Region) -> list[str]:
+def _check_rest(parts: RunParts, region: Region) -> list[str]:
     """Refuse data and sources inside a box; return notes on what cannot be checked."""
     part, largest = parts.near.lattice, parts.whole.team.largest
     inside = np.zeros(part.shape, bool)

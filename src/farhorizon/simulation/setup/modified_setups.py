@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.expressions import Expression
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.reference_medium import constants_of
 from farhorizon.simulation.setup.setup import Setup, check_names
 
@@ -29,7 +29,7 @@ def evaluated_setup(setup: Setup) -> Setup:
     return replace(setup, model=setup.model.with_constants({name: constants[name] for name in functions}))
 
 
-def remade_setup(setup: Setup, resolved: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
+def remade_setup(setup: Setup, resolved: Setup, parts: RunParts, changes: Mapping[str, Any]) -> Setup:
     """Return a set-up at its start with some arguments changed, with the chosen time step and layers unless the model
     changes on the same lattice. On another lattice there are no data and sources, and the medium is uniform, as stiff
     as its stiffest part.
@@ -49,7 +49,7 @@ def remade_setup(setup: Setup, resolved: Setup, parts: Parts, changes: Mapping[s
     return replace(resolved, **changes)
 
 
-def shortened_setup(setup: Setup, resolved: Setup, parts: Parts) -> Setup | None:
+def shortened_setup(setup: Setup, resolved: Setup, parts: RunParts) -> Setup | None:
     """Return a set-up at rest in which stretches of equal planes of a medium that varies are shortened to what a node
     interacts with, so that every pair of adjoining media remains; None where this saves less than half of the nodes, or
     where there are bodies, cracks or conditions.

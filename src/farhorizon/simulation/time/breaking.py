@@ -16,7 +16,7 @@ import numpy as np
 
 from farhorizon.engine.bonds import steepest
 from farhorizon.engine.engine import Zone
-from farhorizon.engine.settings import set_heat
+from farhorizon.engine.settings import set_thermal_strain
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
@@ -80,7 +80,7 @@ class IntactMargin:
         )
 
 
-class Breaking:
+class BreakableBonds:
     """Bonds of a near field on its grid that follow a law; the engine receives them whole and uncut.
 
     `regions` are the boxes of incident waves. The field is the total one inside them and the scattered one outside, so
@@ -205,7 +205,7 @@ class Breaking:
         options = law.contact, law.warm, law.softening, ends, hard
         engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *options)
         if law.warm:
-            set_heat(engine, spacing)
+            set_thermal_strain(engine, spacing)
         self.cuts.cut(())
 
     def _bonds(self) -> Stencil | None:
@@ -356,7 +356,7 @@ class Breaking:
             )
 
 
-def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
+def check_margin(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
     """Warn if bonds in the margin of a run are stretched beyond their limit, every `every` steps, if that is positive;
     on several processes any of them may have such bonds.
     """

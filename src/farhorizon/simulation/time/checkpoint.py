@@ -12,7 +12,7 @@ import numpy as np
 from farhorizon.engine.state import parts_of_sums
 from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.serialization import rebuild
 from farhorizon.simulation.setup.setup import Setup
 
@@ -21,7 +21,7 @@ Arrays = dict[str, np.ndarray]
 OF_A_BOX = "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"
 
 
-def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
+def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
     """What a checkpoint and the run that resumes from it must have in common, as JSON; `cuts` is the number of absent
     bonds at the start.
     """
@@ -111,7 +111,7 @@ def arguments_in(path: str | Path, run: str, left_out: Container[str]) -> dict[s
     return arguments
 
 
-def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
+def whole_of(parts: RunParts) -> tuple[Arrays, dict[str, Any]]:
     """What the state of a run on one process has beside that of its nodes, as arrays and as JSON: the initial data,
     partial sums in the order in which they were added, the memory of sides that exist only on one process.
     """
@@ -128,7 +128,7 @@ def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
     return arrays, meta
 
 
-def take_whole(parts: Parts, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
+def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
     """Restore what `whole_of` returned."""
     engine = parts.grid.engine
     if parts.ends is not None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from farhorizon.engine.engine import Engine
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Sides
@@ -31,7 +31,7 @@ def present(by_name: Mapping[str, float]) -> float:
     return sum(by_name.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
 
 
-def energies(parts: Parts, work: bool, cold: bool = False, rim_held: bool = False) -> dict[str, float]:
+def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = False) -> dict[str, float]:
     """Return the energies by name, see `farhorizon.Simulation.energies`. `work`: that of the sources is recorded;
     `cold`: thermal strains are not subtracted; `rim_held`: the field outside a body is fixed.
     """

@@ -12,7 +12,7 @@ from farhorizon.engine.settings import FlowBonds, record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
-from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.flux import check_drift
 from farhorizon.simulation.setup.setup import Setup, side_name
@@ -28,7 +28,7 @@ class FlowBalance:
     flow into the nodes of its box. Raises InputError unless the equation is of first order in time.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, source_table: SourceTable, team: ProcessGroup = ALONE) -> None:
+    def __init__(self, setup: Setup, parts: RunParts, source_table: SourceTable, team: ProcessGroup = ALONE) -> None:
         near, sides = parts.near, parts.layered.sides
         if near.model.order != 1:
             raise InputError(

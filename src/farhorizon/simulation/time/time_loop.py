@@ -13,7 +13,7 @@ from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, v
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
-from farhorizon.simulation.assembly import Parts, assemble
+from farhorizon.simulation.assembly import RunParts, assemble
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
 from farhorizon.simulation.heat.coupled_temperature import CoupledTemperature, StaggeredTemperature
 from farhorizon.simulation.heat.thermal_strains import ThermalStrains
@@ -21,7 +21,7 @@ from farhorizon.simulation.heat.thermoelastic_sides import sides_of_heat
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import Bonds
 from farhorizon.simulation.setup.setup import Setup
-from farhorizon.simulation.time.breaking import Breaking, IntactMargin
+from farhorizon.simulation.time.breaking import BreakableBonds, IntactMargin
 from farhorizon.simulation.time.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.time.energies import energies, kinetic_energy, present
 from farhorizon.simulation.time.flow_balance import FlowBalance
@@ -39,7 +39,7 @@ class TimeLoop:
     data that would break bonds at once, and a balance where there is none.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: ProcessGroup = ALONE) -> None:
+    def __init__(self, setup: Setup, parts: RunParts, run_of: Callable[..., Any], team: ProcessGroup = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.layered.sides, parts.start
         self.source_checks: SourceChecks | None = None
@@ -193,7 +193,7 @@ class TimeLoop:
             out["dissolved"] = near.visible(np.where(solid, np.nan, near.dt * parts.phases.steps))
         return out
 
-    def _find_margin(self, breaking: Breaking) -> None:
+    def _find_margin(self, breaking: BreakableBonds) -> None:
         self.margin = breaking.margin()
         intervals = self.team.gather(None if self.margin is None else self.margin.every)
         self.every = min((interval for interval in intervals if interval is not None), default=0)
