@@ -1,9 +1,9 @@
 """What pages ask for by a comment, which a reader of the plain Markdown does not see:
 
-``<!-- keys -->`` every key of a case file, ``<!-- commands -->`` the command line, ``<!-- gallery -->`` all examples, ``<!-- pictures -->`` a few of them,
-``<!-- run: NAME -->`` a program beside the page, what it printed and how long it took, ``<!-- check: NAME -->`` and
-``<!-- compare: NAME -->`` what these commands say of a case, and after them ``<!-- picture: FILE | CAPTION -->`` a
-picture that was drawn. Links to examples lead to their pages in the gallery.
+``<!-- keys -->`` every key of a case file, ``<!-- commands -->`` the command line, ``<!-- gallery -->`` all examples,
+``<!-- pictures -->`` a few of them, ``<!-- run: NAME -->`` a program beside the page, what it printed and how long it
+took, ``<!-- check: NAME -->`` and ``<!-- compare: NAME -->`` what these commands say of a case, and after them
+``<!-- picture: FILE | CAPTION -->`` a picture that was drawn. Links to examples lead to their pages in the gallery.
 """
 
 from __future__ import annotations
