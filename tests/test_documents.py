@@ -30,15 +30,16 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def _script(name):
-    """Return a script of benchmarks/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
+def _script(name, folder="benchmarks"):
+    """Return a script as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
 figures = _script("figures")
+sentences = _script("sentences", "docs/_extensions")
 STORED = json.loads(figures.STORE.read_text())
 
 
@@ -120,6 +121,21 @@ def test_guidance_names_no_tests_seeds_or_trials(path):
     text = text.replace("'.[test]'", "")  # the extra that an installation may have
     found = re.findall(r"(?i)\bpytest\b|\btests?/\w+|\btest_\w+|\bseeds?\b|\btrials?\b|measured once", text)
     assert not found, found
+
+
+def test_pages_are_short_and_plain():
+    """Neither many words, nor long sentences; `python docs/_extensions/sentences.py` prints the longest ones."""
+    found = sentences.sentences()
+    assert sentences.words() <= sentences.MOST_WORDS
+    assert not [sentence for sentence in found if sentence.words > sentences.MOST_IN_A_SENTENCE]
+    assert np.median([sentence.words for sentence in found]) <= sentences.MEDIAN
+
+
+@pytest.mark.parametrize("path", figures.DOCUMENTS[1:], ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_pages_begin_with_what_they_are_for(path):
+    """After the title there is a sentence, and neither a heading, a table nor a program."""
+    title, first = re.split(r"\n\s*\n", path.read_text(encoding="utf-8"))[:2]
+    assert title.startswith("# ") and re.match(r"\*{0,2}`?\w", first) and len(first.split()) > 5, first
 
 
 EXTENSIONS = re.findall(
