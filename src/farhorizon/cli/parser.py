@@ -157,8 +157,8 @@ def _invert(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "file",
         metavar="FILE",
-        help="inversion file (TOML): a table [inversion] with the words of fh.invert, and a table [[shot]] with case and "
-        "data for each run; farhorizon keys inversion explains them",
+        help="inversion file (TOML): a table [inversion] with the words of fh.invert, and a table [[shot]] with case "
+        "and data for each run; farhorizon keys inversion explains them",
     )
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of NAME_inversion.h5 (default: here)")
     sub.add_argument("--force", action="store_true", help="begin anew instead of continuing NAME_inversion.h5")
