@@ -229,7 +229,7 @@ class _Problem:
         given = shots_of(shots)
         first = given[0][0]
         asked = asked_for(first, wrt)
-        if not asked.constants or asked.initial or asked.sources:
+        if not asked.constants or asked.initial or asked.sources or asked.parameters:
             raise InputError(
                 "an inversion finds maps of the medium",
                 value=wrt,
