@@ -1,8 +1,8 @@
 """Layered ground from shot records: a full-waveform inversion on 300 x 100 nodes (SI units).
 
-Physics: eight air guns under the surface of the sea, whose pressure is zero, and a streamer of hydrophones over the whole
-width. Below the water lie layers of sediment with a fold and a lens of slow gas. The inversion starts from a speed that
-grows with depth alone; low frequencies first keep waves from being matched with their neighbours.
+Physics: eight air guns under the surface of the sea, whose pressure is zero, and a streamer of hydrophones over the
+whole width. Below the water lie layers of sediment with a fold and a lens of slow gas. The inversion starts from a
+speed that grows with depth alone; low frequencies first keep waves from being matched with their neighbours.
 
 Prints the error of the speed at the start and at the end.
 
