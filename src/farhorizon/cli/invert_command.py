@@ -70,7 +70,8 @@ def _draw(asked: Any, found: Any, folder: Path) -> list[Path]:
     """Draw the maps, their changes, the misfits, and the records of the first shot; returns the paths."""
     import numpy as np
 
-    from farhorizon.pictures.inversions import Panel, map_picture, misfit_picture, records_picture
+    from farhorizon.pictures.inversions import map_picture, misfit_picture, records_picture
+    from farhorizon.pictures.panels import Look, Panel
     from farhorizon.pictures.style import counted_in, with_unit
 
     case, (_, misfit) = asked.cases[0], asked.shots[0]
@@ -88,7 +89,8 @@ def _draw(asked: Any, found: Any, folder: Path) -> list[Path]:
             for kind, shown, scale in [(name, values, limits), (f"{name}_change", values - start[name], None)]:
                 title = f"after {_iterations(found)} iterations" if kind == name else "change from the start"
                 path = folder / f"{kind}.png"
-                map_picture(Panel(title, np.where(exists, shown, np.nan), scale), lattice.axes, places, path, label)
+                panel = Panel(title, np.where(exists, shown, np.nan))
+                map_picture(panel, lattice.axes, places, path, Look(label, limits=scale))
                 pictures.append(path)
         stages = asked.arguments.get("frequencies", [None])
         unit = case.unit_names.get("frequency", "")

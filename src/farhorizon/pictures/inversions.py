@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.pictures.fields import field_panels
+from farhorizon.pictures.panels import Look, Panel
 from farhorizon.pictures.style import COLORS, DIVERGING, figure_at, with_unit
 from farhorizon.pictures.traces import positions
 
@@ -17,31 +17,13 @@ _MOST_DECADES = 3  # by which a difference is drawn larger: a smaller one is non
 _MARKERS = {"sources": ("*", COLORS[1], 7.0), "receivers": ("v", COLORS[6], 3.5)}
 
 
-class Panel(NamedTuple):
-    """A map that is drawn: its title, the values at the nodes, and the limits of its colours."""
-
-    title: str
-    values: np.ndarray
-    limits: tuple[float, float] | None = None
-
-
 def map_picture(
-    panel: Panel, axes: Sequence[np.ndarray], places: Mapping[str, np.ndarray], path: str | Path, label: str
+    panel: Panel, axes: Sequence[np.ndarray], places: Mapping[str, np.ndarray], path: str | Path, look: Look
 ) -> None:
-    """Draw a map of a medium, or what has changed in it, with sources and receivers.
-
-    Parameters
-    ----------
-    panel : Panel
-        In space, the middle of the last axis is drawn.
-    axes : sequence of ndarray
-    places : mapping of str to ndarray, shape (n, dim)
-        Of "sources" and "receivers".
-    path : str or Path
-    label : str
-        Name of the values.
+    """Draw a map of a medium, in space its middle, or what has changed in it, with the places of "sources" and
+    "receivers", each of shape (n, dim).
     """
-    figure = field_panels([(panel.title, panel.values)], axes, None, label=label, limits=panel.limits)
+    figure = field_panels([panel], axes, None, look)
     drawn, dim = figure.axes[0], len(axes)
     within = drawn.get_xlim(), drawn.get_ylim()
     for name, points in places.items():
