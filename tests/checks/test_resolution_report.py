@@ -70,9 +70,9 @@ def measured_delay(sim, receivers, exact, frequency):
     return -np.angle(spectra[0] / spectra[1]) / (2 * np.pi)
 
 
-@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize(("order", "integrator"), [(2, "verlet"), (4, "verlet"), (2, "modified-equation")])
 @pytest.mark.parametrize("given", ["signal", "initial data"])
-def test_the_delay_of_a_run_is_the_one_that_check_prints(order, given):
+def test_the_delay_of_a_run_is_the_one_that_check_prints(order, integrator, given):
     """In 1D the velocity is ``s(t - r/c) / (2 c)`` for a point source, and that of half of the initial data."""
     signal, receivers = fh.Ricker(1 / 16), fh.Receivers([(WAY,)], record=["v"])
 
@@ -87,7 +87,8 @@ def test_the_delay_of_a_run_is_the_one_that_check_prints(order, given):
     what = {"sources": [fh.PointSource((0.0,), time=signal)]}
     if given == "initial data":
         what = {"initial": {"u": packet}}
-    lattice, model = fh.Lattice(1.0, -60.0, 140.0), fh.Wave(fh.Stencil.finite_difference(1, order))
+    lattice = fh.Lattice(1.0, -60.0, 140.0)
+    model = fh.Wave(fh.Stencil.finite_difference(1, order), integrator=integrator)
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=20), observe=[receivers], threads=1, **what)
     found = sim.check(budget=0.1)
     row = dict(found.rows)["dispersion"]
@@ -99,17 +100,23 @@ def test_the_delay_of_a_run_is_the_one_that_check_prints(order, given):
     assert float(frequency) == pytest.approx(1 / 16, rel=0.1)  # the energy of the packet has k^2
 
 
-def test_the_order_that_is_recommended_is_enough():
-    def examined(order):
-        source, receivers = fh.PointSource((0.0,), time=fh.Ricker(1 / 20)), fh.Receivers([(80.0,)])
-        lattice, model = fh.Lattice(1.0, -30.0, 90.0), fh.Wave(fh.Stencil.finite_difference(1, order))
+@pytest.mark.parametrize("far", [80.0, 300.0])
+def test_the_order_that_is_recommended_is_enough(far):
+    """On a long way the steps must be of fourth order, too."""
+
+    def examined(order, integrator="verlet"):
+        source, receivers = fh.PointSource((0.0,), time=fh.Ricker(1 / 20)), fh.Receivers([(far,)])
+        lattice = fh.Lattice(1.0, -30.0, far + 10)
+        model = fh.Wave(fh.Stencil.finite_difference(1, order), integrator=integrator)
         sides, options = fh.LatticePML(nodes=12), {"sources": [source], "observe": [receivers], "threads": 1}
         return fh.Simulation(lattice, model, sides, **options).check(budget=0.1)
 
     found = examined(2)
     assert found.numbers["phase_cycles"] > 0.01
     [note] = [note for note in found.notes if "dispersion" in note]
-    better = examined(int(re.search(r"differences of order = (\d)", note)[1]))
+    order, integrator = re.search(r"differences of order = (\d)(?: with integrator = \"([a-z-]+)\")?", note).groups()
+    assert (integrator is not None) == (far > 100)
+    better = examined(int(order), integrator or "verlet")
     assert abs(better.numbers["phase_cycles"]) < 0.01 and better.numbers["trace_error"] < 0.05
     assert not any("dispersion" in note for note in better.notes)
 

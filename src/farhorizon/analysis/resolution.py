@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
+from farhorizon.medium.integrators import ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 
 ENOUGH = 6.0  # nodes per wavelength of a well-resolved wave
@@ -28,9 +29,13 @@ class Resolution(NamedTuple):
     scale: float
 
 
-def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Resolution:
-    """How a lattice resolves the waves of a frequency (cycles per time), by the dispersion of stencil and velocity
-    Verlet; `rate`, the squared speed over the squared spacing, is the factor on the stencil.
+Scheme = Verlet | ModifiedEquation
+
+
+def resolution(stencil: Stencil, rate: float, dt: float, frequency: float, scheme: Scheme | None = None) -> Resolution:
+    """How a lattice resolves the waves of a frequency (cycles per time), by the dispersion of the stencil and of the
+    time stepping, velocity Verlet unless given; `rate`, the squared speed over the squared spacing, is the factor on
+    the stencil.
 
     Examples
     --------
@@ -42,10 +47,11 @@ def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Re
     """
     lines = [_branches(stencil, np.array(direction)) for direction in _directions(stencil.dim)]
     lowest = [float(np.interp(2 * np.pi / ENOUGH, numbers, branch)) for numbers, values in lines for branch in values.T]
-    enough = np.arcsin(min(1.0, min(lowest) * np.sqrt(rate) * dt / 2)) / (np.pi * dt)
+    scheme = Verlet() if scheme is None else scheme
+    enough = scheme.frequency_of_steps(min(lowest) * float(np.sqrt(rate)), dt)
     if frequency * dt >= 0.5:  # beyond the Nyquist frequency of the steps
         return Resolution(0.0, float(enough / frequency))
-    root = 2 / dt * np.sin(np.pi * frequency * dt) / np.sqrt(rate)
+    root = float(scheme.frequency_of_nodes(np.array(frequency), dt)) / np.sqrt(rate)
     largest = max(_wavenumber(numbers, branch, root) for numbers, values in lines for branch in values.T)
     nodes = np.inf if largest == 0 else 2 * np.pi / largest
     return Resolution(float(nodes), float(enough / frequency))
@@ -61,10 +67,12 @@ def lines_along(stencil: Stencil, way: np.ndarray) -> Lines:
     return [(numbers, branch) for branch in values.T if branch[1] > 0]
 
 
-def delay(lines: Lines, rate: float, dt: float, frequency: float, distance: float) -> float:
-    """Periods by which stencil and velocity Verlet delay a wave of a frequency (cycles per time) on a way of some
-    nodes, relative to long waves of the same type; negative if it is early. Of several types, that with the largest
-    error; `rate` as in `resolution`.
+def delay(
+    lines: Lines, rate: float, dt: float, frequency: float, distance: float, scheme: Scheme | None = None
+) -> float:
+    """Periods by which stencil and time stepping delay a wave of a frequency (cycles per time) on a way of some nodes,
+    relative to long waves of the same type; negative if it is early. Of several types, that with the largest error;
+    `rate` and `scheme` as in `resolution`.
 
     Examples
     --------
@@ -73,17 +81,23 @@ def delay(lines: Lines, rate: float, dt: float, frequency: float, distance: floa
     >>> round(delay(lines, 1.0, 0.1, 0.1, 20.0), 3)  # 2 wavelengths of 10 nodes, (2 pi / 10)^2 / 24 too slow
     0.034
     """
-    phases = _phases(lines, rate, dt, np.array([frequency]), distance)
+    phases = _phases(lines, rate, dt, np.array([frequency]), distance, scheme)
     return float(max((phase[0] for phase in phases), key=abs) / (2 * np.pi))
 
 
 def trace_error(
-    lines: Lines, rate: float, dt: float, frequencies: np.ndarray, amplitudes: np.ndarray, distance: float
+    lines: Lines,
+    rate: float,
+    dt: float,
+    frequencies: np.ndarray,
+    amplitudes: np.ndarray,
+    distance: float,
+    scheme: Scheme | None = None,
 ) -> float:
-    """Largest error, relative to the largest value, that stencil and velocity Verlet make over a distance in nodes in a
+    """Largest error, relative to the largest value, that stencil and time stepping make over a distance in nodes in a
     signal whose frequencies have their peaks at the same time, for the type of waves that is delayed most.
 
-    The frequencies (n,), in cycles per time, are multiples of one from 0 on; `rate` as in `resolution`.
+    The frequencies (n,), in cycles per time, are multiples of one from 0 on; `rate` and `scheme` as in `resolution`.
 
     Examples
     --------
@@ -92,14 +106,18 @@ def trace_error(
     >>> round(trace_error(lines, 1.0, 0.1, np.array([0.0, 0.1]), np.array([0.0, 1.0]), 20.0), 3)
     0.213
     """
-    phase = max(_phases(lines, rate, dt, frequencies, distance), key=lambda phase: float(amplitudes @ np.abs(phase)))
+    phase = max(
+        _phases(lines, rate, dt, frequencies, distance, scheme), key=lambda phase: float(amplitudes @ np.abs(phase))
+    )
     error = np.fft.fft(amplitudes * (1 - np.exp(-1j * phase)), 8 * len(phase)).real  # eight times per shortest period
     return float(np.abs(error).max() / amplitudes.sum())
 
 
-def _phases(lines: Lines, rate: float, dt: float, frequencies: np.ndarray, distance: float) -> list[np.ndarray]:
+def _phases(
+    lines: Lines, rate: float, dt: float, frequencies: np.ndarray, distance: float, scheme: Scheme | None
+) -> list[np.ndarray]:
     """Phases by which waves of each type are behind long ones after a distance in nodes."""
-    roots = 2 / dt * np.sin(np.pi * np.minimum(frequencies * dt, 0.5)) / np.sqrt(rate)
+    roots = (Verlet() if scheme is None else scheme).frequency_of_nodes(frequencies, dt) / np.sqrt(rate)
     omega = 2 * np.pi * frequencies / np.sqrt(rate)
     return [
         distance * (_wavenumbers(numbers, branch, roots) - omega * numbers[1] / branch[1]) for numbers, branch in lines

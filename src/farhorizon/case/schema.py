@@ -398,7 +398,7 @@ class Tables:
                 options.append(found)
                 keys |= its_keys
             arguments[one.name] = Argument(tuple(options), needed, {one.name: default} if stated and not needed else {})
-        if is_model(kind) and "integrator" in keys:
+        if is_model(kind) and "integrator" in keys and not issubclass(kind, fh.Wave | fh.Elastic):
             words = "Number of stages of the integrator rkc; 20 unless given."
             keys["stages"] = (Whole | None, Field(None, description=words))
         if is_model(kind) and issubclass(kind, fh.Wave) and "stencil" in keys:

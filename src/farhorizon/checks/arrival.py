@@ -6,12 +6,14 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.analysis.resolution import Band, Lines, delay, lines_along, trace_error
 from farhorizon.checks.examined import Examined
 from farhorizon.inputs.signals import Signal
+from farhorizon.medium.integrators import ModifiedEquation, Verlet
 from farhorizon.medium.stencil import ORDERS, Stencil
 from farhorizon.pictures.style import frequency_text, length_text
 
@@ -20,6 +22,14 @@ _FREQUENCIES = 257  # samples of a spectrum, which resolve delays of up to 128 o
 VISIBLE = 0.05  # error of a trace that a picture shows
 _CORRECTIONS = 8  # of a spacing: the error is of second order in it, unless it is large
 _WAYS = 16  # of the longest ways, each in its own direction: several reach nearly as far
+
+
+class _Scheme(NamedTuple):
+    """The branches along a way, the time step and the integrator."""
+
+    lines: Lines
+    dt: float
+    integrator: Verlet | ModifiedEquation
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,30 +80,38 @@ class Arrival:
     @cached_property
     def cycles(self) -> float:
         """Periods by which the wave is late, negative if it is early."""
-        return self._delay(self._lines, self.sim.dt)
+        return self._delay(self._scheme)
 
     @cached_property
     def error(self) -> float | None:
         """Largest error of the trace of the signal relative to its largest value; None without a signal."""
-        return self._trace_error(self._lines, self.sim.dt)
+        return self._trace_error(self._scheme)
 
-    def _delay(self, lines: Lines, dt: float, finer: float = 1.0) -> float:
-        """`cycles` with other branches and another step, or with spacing and step smaller by a factor."""
-        return delay(lines, self._rate, dt, finer * self.frequency, self._nodes / finer)
+    @property
+    def _scheme(self) -> _Scheme:
+        """That of the run."""
+        return _Scheme(self._lines, self.sim.dt, self.sim.model.integrator)  # type: ignore[arg-type]
 
-    def _trace_error(self, lines: Lines, dt: float, finer: float = 1.0) -> float | None:
+    def _delay(self, scheme: _Scheme, finer: float = 1.0) -> float:
+        """`cycles` with another scheme, or with spacing and step smaller by a factor."""
+        lines, dt, integrator = scheme
+        return delay(lines, self._rate, dt, finer * self.frequency, self._nodes / finer, integrator)
+
+    def _trace_error(self, scheme: _Scheme, finer: float = 1.0) -> float | None:
         """`error` likewise."""
         if self.signal is None:
             return None
         frequencies = np.linspace(0.0, self.signal.highest_frequency, _FREQUENCIES)
         amplitudes = np.abs(self.signal.spectrum(frequencies))
         amplitudes[~np.isfinite(amplitudes)] = 0.0  # the constant part, which has no phase
-        return trace_error(lines, self._rate, dt, finer * frequencies, amplitudes, self._nodes / finer)
+        lines, dt, integrator = scheme
+        nodes = self._nodes / finer
+        return trace_error(lines, self._rate, dt, finer * frequencies, amplitudes, nodes, integrator)
 
-    def _excess(self, lines: Lines, dt: float, finer: float = 1.0) -> float:
+    def _excess(self, scheme: _Scheme, finer: float = 1.0) -> float:
         """The larger one of both errors, relative to what is allowed."""
-        error = self._trace_error(lines, dt, finer)
-        return max(abs(self._delay(lines, dt, finer)) / ALLOWED, 0.0 if error is None else error / VISIBLE)
+        error = self._trace_error(scheme, finer)
+        return max(abs(self._delay(scheme, finer)) / ALLOWED, 0.0 if error is None else error / VISIBLE)
 
     @property
     def visible(self) -> bool:
@@ -106,25 +124,32 @@ class Arrival:
         """The spacing and the order of differences with which the wave is late by less than `ALLOWED` and traces are
         wrong by less than `VISIBLE`; empty if they are so already.
         """
-        if self._excess(self._lines, self.sim.dt) <= 1:
+        if self._excess(self._scheme) <= 1:
             return []
         finer = 1.0
         for _ in range(_CORRECTIONS):
-            finer *= min(1.0, self._excess(self._lines, self.sim.dt, finer) ** -0.5)
+            finer *= min(1.0, self._excess(self._scheme, finer) ** -0.5)
         return [f"spacing = {_rounded_down(finer * self.sim.lattice.spacing):g}", *itertools.islice(self._orders(), 1)]
 
     def _orders(self) -> Iterator[str]:
-        """Differences of higher order that leave errors as small."""
-        sim = self.sim
+        """Differences of higher order, with this integrator or that of fourth order, that leave errors as small."""
+        sim, integrator = self.sim, self.sim.model.integrator
+        fourth = ModifiedEquation()
         if not sim.stencil.accuracy:
             return
-        for order in ORDERS:
-            if order > sim.stencil.accuracy:
-                stencil = Stencil.finite_difference(sim.lattice.dim, order)
-                shorter = float(np.sqrt(sim.stencil.symbol_maximum / stencil.symbol_maximum))
-                dt = sim.dt * shorter if sim.given.get("dt") is None else sim.dt
-                if dt < shorter * sim.step_limit and self._excess(lines_along(stencil, self.way), dt) < 1:
-                    yield f"differences of order = {order}"
+        schemes = [(integrator, order) for order in ORDERS if order > sim.stencil.accuracy]
+        if isinstance(integrator, Verlet) and not sim.model.damping:
+            schemes += [(fourth, order) for order in ORDERS if order >= max(4, sim.stencil.accuracy)]
+        for other, order in schemes:
+            stencil = Stencil.finite_difference(sim.lattice.dim, order)
+            longer = float(np.sqrt(sim.stencil.symbol_maximum / stencil.symbol_maximum))
+            if other is fourth:
+                longer *= fourth.step_limit(1.0) / integrator.step_limit(1.0)
+            dt = sim.dt * longer if sim.given.get("dt") is None else sim.dt
+            scheme = _Scheme(lines_along(stencil, self.way), dt, other)  # type: ignore[arg-type]
+            if dt < longer * sim.step_limit and self._excess(scheme) < 1:
+                words = f"differences of order = {order}"
+                yield words + ' with integrator = "modified-equation"' * (other is fourth)
 
     @property
     def in_words(self) -> str:
@@ -144,7 +169,7 @@ class Arrival:
 
     def on_finer(self, factor: float) -> str:
         """What remains of the error of a trace on a lattice whose spacing is smaller by a factor."""
-        error = self._trace_error(self._lines, self.sim.dt, factor)
+        error = self._trace_error(self._scheme, factor)
         after = f"% after {length_text(float(np.linalg.norm(self.way)))}"
         return "" if error is None else f", and leaves traces that are wrong by about {100 * error:.2g} {after}"
 

@@ -374,7 +374,7 @@ class Report:
             self.warnings.append(f"{key} contains all frequencies, but the lattice carries only some of them")
             return
         rate = sim.model.coefficient * sim.weakest / sim.lattice.spacing**2
-        found = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest)
+        found = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest, sim.model.integrator)  # type: ignore[arg-type]
         nodes = f"{found.nodes:.3g} nodes" if found.nodes else "shorter than the lattice carries"
         self._say("shortest wave", f"{nodes}, at {frequency_text(highest)}; a thousandth of {key} lies above")
         self.numbers |= {"shortest_wave_nodes": found.nodes, "resolving_spacing": found.scale * sim.lattice.spacing}

@@ -240,7 +240,9 @@ class Engine:
         self.signs = signs = signs_of(self.components) if signs is None else signs
         springs = recursion if self.weights.any() else {}  # an operator of two passes may have no springs
         of_values = self.dtype, self.kept, self.remember, coefficient is None
-        self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
+        self.layer_tables = LayerTables(
+            self.layout, self.offsets, matrices, signs, signs, springs, *of_values, stages=len(stages.numbers)
+        )
         self.passes = None if sums is None else Passes(self, sums, recursion)
         self.thermoelastic_layers = (
             None if heat is None else ThermoelasticLayers(self, heat, recursion, coefficient is None)
@@ -585,8 +587,9 @@ class Engine:
         warm = () if self.thermoelastic_layers is None else self.thermoelastic_layers.layer_tables
         of_the_solid = [tables for tables in self.all_layers if tables not in warm]
         found = [
-            (number, key, tables.start + cells, signs)
+            (number + stage * (len(self.all_layers) + 1), key, tables.start + start + cells, signs)
             for number, tables in enumerate(of_the_solid if self.remember else ())
+            for stage, start in enumerate(tables.starts)
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
         return found + [(len(self.all_layers), key, cells, self.signs) for key, cells in self.dampers.cells()]

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from farhorizon.engine.layer_terms import Slots, Terms
-from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned_zeros
+from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned, aligned_zeros
 from farhorizon.engine.nested import (
     ACROSS,
     AXIS,
@@ -60,6 +60,8 @@ class LayerTables:
         Of the field, and of what the layers remember.
     remember, alike : bool
         Whether the layers have memory, and whether no bonds have coefficients.
+    stages : int
+        Stages of a step, each of which has a memory of its own: what the layers continue differs from one to the next.
 
     Attributes
     ----------
@@ -84,11 +86,12 @@ class LayerTables:
         kept: np.dtype,
         remember: bool,
         alike: bool = True,
+        stages: int = 1,
     ) -> None:
         # so that parts and their memory are of the field's magnitude, in all units
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
-        self.alike = alike
+        self.alike, self.stages = alike, stages
         self.dtype, self.kept = dtype, kept
         self.lanes, self.signs = 64 // dtype.itemsize, (inside, outside)
         self.columns, self.rows = len(inside), len(outside)
@@ -150,7 +153,7 @@ class LayerTables:
             self.kept.itemsize * self.remember,
             real.type(self.unit),
             aligned_zeros(room, real),
-            aligned_zeros(self.memory if self.remember else ALIGN * 4, self.kept),
+            aligned_zeros(self.stages * aligned(self.memory) if self.remember else ALIGN * 4, self.kept),
         )
 
     def _recursions(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]) -> np.ndarray:
@@ -482,8 +485,15 @@ class LayerTables:
         kinds += [(name(one), (1 - int(one[AXIS]), 2)) for one in self.faces]
         kinds += [(name(self.faces[one[EDGE_FACE]]) + name(self.faces[one[EDGE_OTHER]]), (2,)) for one in self.edges]
         every = self.cells(np.ones(self.layers.f.shape, bool))
-        for (called, axes), (_, places, _) in zip(kinds, every, strict=True):
-            yield called, places.reshape(*places.shape[:2], *(self.layout.box.nodes[a] for a in axes)), axes
+        for stage, start in enumerate(self.starts):
+            for (called, axes), (_, places, _) in zip(kinds, every, strict=True):
+                places = start + places.reshape(*places.shape[:2], *(self.layout.box.nodes[a] for a in axes))
+                yield called + f"/{stage}" * (stage > 0), places, axes
+
+    @property
+    def starts(self) -> list[int]:
+        """Where the memory of each stage begins."""
+        return [stage * aligned(self.memory) for stage in range(self.stages)]
 
     @staticmethod
     def _used(layer: np.ndarray, driven: np.ndarray, most: int | None = None) -> np.ndarray:

@@ -21,6 +21,8 @@ from farhorizon.engine.operations import (
     BOND_STENCIL,
     BREAK,
     DAMAGED,
+    DAMPERS,
+    FILTER,
     FLOW_LAYERS,
     KEEP,
     LINES,
@@ -44,6 +46,7 @@ from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage,
 from farhorizon.engine.threads import ALONE, side_by_side
 
 _FLOWS = 6  # the stage whose sums go into a level of their own, after those of the passes
+_STEP = 7  # the stage from the level before a step of several stages to that after it
 # operations on states that take the stage and the sums of the field
 _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
 # passes whose plain sums are made elsewhere, so that no sweep, at whose end threads meet, follows their lines
@@ -145,6 +148,9 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         for which in used
     }
     sums = {which: _sums(tables, which, *map(len, parts[which])) for which in used}
+    of_stages = [
+        {which: _of_stage(one, part, len(lists), tables) for which, one in sums.items()} for part in range(len(lists))
+    ]
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
@@ -153,7 +159,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     staged = {*sums, *(kind for found in does for _, kind, _, _ in found)}
     stages = [
         [
-            _stages([levels[i] for i in places], table, part, (phase + part) % 2 == 1, staged)
+            _stages([levels[i] for i in (*places, turn[0][0])], table, part, (phase + part) % 2 == 1, staged)
             for part, places in enumerate(turn)
         ]
         for phase, turn in enumerate(table.rotation)
@@ -166,13 +172,17 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
             _set_called(program, first, one)
         rows = [
             [
-                (address(function, stage[kind], sums[which]), stage[kind].address, sums[which].address, number)
-                for stage, found in zip(turn, does, strict=True)
+                (address(function, stage[kind], mine[which]), stage[kind].address, mine[which].address, number)
+                for stage, found, mine in zip(turn, does, of_stages, strict=True)
                 for function, kind, which, number in found
             ]
             for turn in stages
         ]
-    kept = [*sums.values(), *(one for turn in stages for stage in turn for one in stage.values())]
+    kept = [
+        *sums.values(),
+        *(one for mine in of_stages for one in mine.values()),
+        *(one for turn in stages for stage in turn for one in stage.values()),
+    ]
     return kept, np.array(rows, np.int64).reshape(len(rows), -1, 4)
 
 
@@ -204,6 +214,8 @@ def _does(
         asked = zip((program.record_nodes_last, program.record_blocks_last), _keeps(tables, inputs), strict=True)
         return [(function, which, which, number) for function, there in asked if there]
     stage = which
+    if operation in (FILTER, DAMPERS) and len(tables.numbers) > 1:
+        stage = _STEP
     if operation in _OF_THE_FIELD:
         stage, which = BOND_STENCIL, BOND_STENCIL
     return [(program.OPERATIONS[operation], stage, which, number)]
@@ -277,12 +289,22 @@ def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
     return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free), beside=struct)
 
 
+def _of_stage(sums: Struct, part: int, stages: int, beside: Struct) -> Struct:
+    """The same sums for one of the stages, each of which has a part of the memory of the layers."""
+    table: Sums = sums.table
+    if stages == 1 or not table.layers.cell:
+        return sums
+    size = table.layers.memory.size // stages
+    memory = table.layers.memory[part * size : (part + 1) * size]
+    return Struct(table._replace(layers=table.layers._replace(memory=memory)), beside=beside)
+
+
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, wanted: Set[int]) -> dict[int, Struct]:
     """The wanted ones of: a stage of the field and those of the passes, in this order: sums that make states, sums that
-    make forces of states, forces and traces where heat passes through layers, increments summed over neighbours, and
-    sums that go into a level of their own.
+    make forces of states, forces and traces where heat passes through layers, increments summed over neighbours, sums
+    that go into a level of their own, and the whole step. `levels` are those of the stage, and the first of the step.
     """
-    src, base, out = levels
+    src, base, out, before = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
     none, one = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
     states, inflow, n = tables.gradient_pass.sweep.law.values, tables.flows.inflow, tables.components
@@ -300,6 +322,7 @@ def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool,
         Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
         Stage(drag.moved, drag.beyond, drag.beyond, part, none, none, none, one, False, n, n, backward),
         Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
+        Stage(before, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
     )
     return {kind: Struct(stage) for kind, stage in enumerate(stages) if kind in wanted}
 

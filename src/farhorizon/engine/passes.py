@@ -97,7 +97,17 @@ class Passes:
         self.weights = sums.gradient, sums.divergence
         self.signs = (vector, sums.signs), (sums.signs, vector)
         self.layer_tables = tuple(
-            LayerTables(self.layout, self.offsets, weights, *signs, recursion, self.dtype, engine.kept, engine.remember)
+            LayerTables(
+                self.layout,
+                self.offsets,
+                weights,
+                *signs,
+                recursion,
+                self.dtype,
+                engine.kept,
+                engine.remember,
+                stages=len(engine.stages.numbers),
+            )
             for weights, signs in zip(self.weights, self.signs, strict=True)
         )
         self.stretches = self._stretches()
