@@ -20,6 +20,7 @@ from PIL import Image
 import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
+from farhorizon.pictures.panels import Look, Panel
 
 PLACE = Path(__file__).parents[1] / "docs" / "demo.webp"
 EVERY = 0.5  # time between frames
@@ -60,8 +61,8 @@ def frames(case: Case) -> Iterator[Image.Image]:
 def drawn(fields: list[tuple[str, np.ndarray]], case: Case, time: float) -> Image.Image:
     """Draw one frame: the fields side by side on one scale."""
     title = f"waves around two notches, t = {time:.1f}"
-    look = {"cracks": case.polylines, "limits": (-LARGEST, LARGEST), "title": title}
-    figure = field_panels(fields, case.setup.lattice.axes, None, **look)
+    look = Look(title=title, limits=(-LARGEST, LARGEST), cracks=case.polylines)
+    figure = field_panels([Panel(*field) for field in fields], case.setup.lattice.axes, None, look)
     figure.set_dpi(DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

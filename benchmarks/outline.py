@@ -26,7 +26,8 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 import farhorizon as fh
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import available_threads
-from farhorizon.engine.outline_stencil import outline_table
+from farhorizon.engine.layout import with_defaults
+from farhorizon.engine.outline_stencil import OutlineStencil
 from farhorizon.models import LatticeModel
 
 
@@ -54,9 +55,7 @@ def measure(
     cases = {name: steps(sim.engine) for name, sim in sims.items()}
     # like all the others it has margins of one reach
     bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave(), threads)
-    none = np.zeros(0, np.int64)
-    nothing = outline_table(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
-    bare.engine.replace(outline_stencil=nothing)
+    bare.engine.replace(outline_stencil=with_defaults(OutlineStencil, bare.engine.dtype))
     times = interleaved({"bare": steps(bare.engine), **cases}, repeats)
     rows = []
     for name, sim in sims.items():

@@ -75,6 +75,7 @@ SEEDS = {
 }
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 LARGE = 100_000  # nodes of set-ups whose reference is a run with thicker layers
+MOST_VALUES = 2e7  # of a field of such a reference, which takes some gigabytes
 MOMENTS = 60
 LOOKS = 8  # samples of the largest value between two of them
 SENT = {"sources": 1.0, "walls": 0.25}  # fraction of set-ups with sources, by part
@@ -378,6 +379,9 @@ class Thicker:
 
     def __init__(self, setup: dict[str, Any], sim: fh.Simulation) -> None:
         layer = fh.LatticePML(nodes=2 * max(columns(sim)) + 10)
+        size = float(np.prod(np.array(sim.lattice.shape) + 2 * layer.nodes)) * sim.stencil.components
+        if size > MOST_VALUES:
+            raise fh.InputError("the reference takes too much memory", value=size, limit=MOST_VALUES)
         self.sim = fh.Simulation(**with_sides(setup, dict.fromkeys(sides(setup), layer)))
 
     def after(self, steps: int) -> np.ndarray:

@@ -59,7 +59,7 @@ class Interpreter:
             op.ENDS: self._exact_ends,
             op.ADD_SOURCES: self._add_sources,
             op.INERTIA: self._weigh_down,
-            op.MOVED: self._take_increments,
+            op.KEEP_INCREMENTS: self._take_increments,
             op.DRAG: self._drag,
             op.DAMP_NEW: self._damp_new,
             op.FILTER: self._filter,
@@ -69,12 +69,12 @@ class Interpreter:
             op.FLOW_LAYERS: self._flow_of_layers,
             op.FLOW: self._flow,
             op.DEPEND: self._depend,
-            op.FRINGE: self._fringe,
+            op.OUTLINE: self._fringe,
             op.DISSOLVE: self._dissolve,
-            op.KEEP: self._keep,
-            op.HEAT: heat.push_springs,
-            op.WARM: heat.advance_thermal_strains,
-            op.HEAT_BEYOND: heat.push_beyond,
+            op.RECORD: self._keep,
+            op.THERMAL_FORCES: heat.push_springs,
+            op.ADVANCE_STRAINS: heat.advance_thermal_strains,
+            op.THERMAL_FORCES_BEYOND: heat.push_beyond,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -150,10 +150,10 @@ class Interpreter:
     def receive(self, number: int, levels: np.ndarray | None = None) -> None:
         """Copy values where a process is its own neighbour: there are no other processes here. Slots are not used."""
         assert self.engine.exchange is not None
-        levels, (kind, axis) = self.split(self.stage.src) if levels is None else levels, divmod(number, 3)
-        messages = self.engine.exchange.messages[kind].along(axis)
-        for to, source, sent, filled, _ in messages.rows if kind == LEVEL else ():
-            assert to == source == messages.link.own
+        levels, (which, axis) = self.split(self.stage.src) if levels is None else levels, divmod(number, 3)
+        messages = self.engine.exchange.messages[which].along(axis)
+        for to, source, sent, filled, _ in messages.rows if which == LEVEL else ():
+            assert to == source == messages.link.rank
             levels[:, filled] = levels[:, sent]
 
     def _keep(self) -> None:
@@ -172,18 +172,20 @@ class Interpreter:
 
     # --- bonds -------------------------------------------------------------------------------------------------
 
-    def factors(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Return the factors of bonds from the coefficients at their ends."""
-        return factors_of(self.tables.material, nodes, others)
+        return factors_of(self.tables.material, nodes, neighbours)
 
-    def _gaps(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def _gaps(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Return the differences between the values at the ends of bonds, shape (components, bonds)."""
         src, material = self.split(self.stage.src), self.tables.material
-        here, there = src[:, nodes], src[:, others]
+        u_nodes, u_neighbours = src[:, nodes], src[:, neighbours]
         if material.rule == PHASES:
-            between = material.coefficient[nodes] * material.coefficient[others] < 0
-            here, there = (np.where(between, np.minimum(v, material.ceiling), v) for v in (here, there))
-        return np.asarray(there - here)
+            between = material.coefficient[nodes] * material.coefficient[neighbours] < 0
+            u_nodes, u_neighbours = (
+                np.where(between, np.minimum(u, material.ceiling), u) for u in (u_nodes, u_neighbours)
+            )
+        return np.asarray(u_neighbours - u_nodes)
 
     def _sweep(self) -> None:
         stage, nodes, forces = self.stage, self.nodes, self.tables.bonds.forces
@@ -208,12 +210,12 @@ class Interpreter:
     def _released(self) -> np.ndarray:
         """Return the contributions of bonds to places without a node, which the sweep has included."""
         exists, nodes = self.engine.absent.exists, self.nodes
-        found = np.zeros((self.components, nodes.size))
+        total = np.zeros((self.components, nodes.size))
         zone = self.zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
         for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             bare = exists[nodes] & ~exists[nodes + distance] & ~zone
-            found -= bare * (weight @ (self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
-        return found
+            total -= bare * (weight @ (self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
+        return total
 
     def zone(self) -> np.ndarray:
         """Return which nodes have bonds that are handled one by one."""
@@ -237,16 +239,16 @@ class Interpreter:
             warm = curved * self.thermal_strain(nodes, nodes + place)
             yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse - 2 * warm
 
-    def thermal_strain(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def thermal_strain(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Return the thermal strains of bonds: the mean over their ends."""
         thermal_strain = np.broadcast_to(self.tables.bonds.thermal_strain, self.engine.layout.size)
-        return np.asarray((thermal_strain[nodes] + thermal_strain[others]) / 2)
+        return np.asarray((thermal_strain[nodes] + thermal_strain[neighbours]) / 2)
 
-    def limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def limits(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Return the largest strain e at which bonds do not break."""
         bonds = self.tables.bonds
         strength = np.broadcast_to(bonds.strength, self.engine.layout.size)
-        return np.asarray(bonds.limit[0] * np.minimum(strength[nodes], strength[others]))
+        return np.asarray(bonds.limit[0] * np.minimum(strength[nodes], strength[neighbours]))
 
     def clear(self, bond: int, nodes: np.ndarray) -> None:
         """Remove a bond at some nodes."""
@@ -316,24 +318,24 @@ class Interpreter:
                 later = next((a for a in range(axis + 1, 3) if self.shifts.serve(a)), 3)
                 less = self.shifts.at_nodes(self.shifts.along(tuple(offset), later), offset, later)
                 at = self.nodes + int(np.dot(offset, self.box.stride))
-                there = self.present(self.nodes, at) * self._factors_of_pass(number, at)
-                total += np.tensordot(weight, (more - less) * there.reshape(self.box.nodes), 1)
+                weights_of_bonds = self.present(self.nodes, at) * self._factors_of_pass(number, at)
+                total += np.tensordot(weight, (more - less) * weights_of_bonds.reshape(self.box.nodes), 1)
         return total
 
-    def _factors_of_pass(self, number: int, others: np.ndarray) -> np.ndarray | float:
+    def _factors_of_pass(self, number: int, neighbours: np.ndarray) -> np.ndarray | float:
         """Return the factors of the bonds of all nodes in a pass; those of states and of drag have none."""
-        return 1.0 if number in (op.GRADIENT, op.DIVERGENCE, op.NEIGHBOURS) else self.factors(self.nodes, others)
+        return 1.0 if number in (op.GRADIENT, op.DIVERGENCE, op.NEIGHBOURS) else self.factors(self.nodes, neighbours)
 
-    def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def present(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Return which bonds are present, considering absent bonds and places without a node."""
         engine, tables = self.engine, self.tables
         cuts = tables.cuts if engine.passes is None else tables.gradient_pass.cuts
         size = engine.layout.size
-        there = ~np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
+        present = ~np.isin(nodes * size + neighbours, cuts.nodes * size + cuts.neighbours)
         if not tables.bonds.forces and len(nodes):
-            bond = int(np.flatnonzero(tables.bonds.places[:, 0] == others[0] - nodes[0])[0])
-            there &= tables.bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
-        return np.asarray(there & (engine.absent.exists[nodes] == engine.absent.exists[others]))
+            bond = int(np.flatnonzero(tables.bonds.places[:, 0] == neighbours[0] - nodes[0])[0])
+            present &= tables.bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
+        return np.asarray(present & (engine.absent.exists[nodes] == engine.absent.exists[neighbours]))
 
     # --- the rest of a stage -----------------------------------------------------------------------------------
 
@@ -354,10 +356,10 @@ class Interpreter:
         self.tables.drag.moved[:] = self.stage.src - self.stage.base
 
     def _stretch_neighbours(self, axis: int) -> None:
-        drag, dragged = self.tables.drag, self.engine.dragged_layers
-        assert dragged is not None
-        found = self.stretched(axis, self.split(drag.moved), dragged.weights, op.NEIGHBOURS)
-        self.split(drag.beyond)[:, self.nodes] += found.reshape(self.components, -1)
+        drag, drag_pass = self.tables.drag, self.engine.drag_pass
+        assert drag_pass is not None
+        sums = self.stretched(axis, self.split(drag.moved), drag_pass.weights, op.NEIGHBOURS)
+        self.split(drag.beyond)[:, self.nodes] += sums.reshape(self.components, -1)
 
     def _drag(self) -> None:
         drag, stage = self.tables.drag, self.stage
@@ -366,9 +368,9 @@ class Interpreter:
         total, number = beyond[:, nodes], np.zeros(len(nodes))
         beyond[:] = 0
         for distance in drag.distances:
-            there = self.present(nodes, nodes + distance)
-            total += there * increments[:, nodes + distance]
-            number += there
+            present = self.present(nodes, nodes + distance)
+            total += present * increments[:, nodes + distance]
+            number += present
         pull = drag.rate * np.where(number, total / np.maximum(number, 1) - increments[:, nodes], 0)
         self.add(pull, nodes)
         at = np.array(np.unravel_index(np.searchsorted(self.nodes, nodes), self.box.nodes))
@@ -429,14 +431,14 @@ class Interpreter:
         stage, tables = self.stage, self.tables.dampers
         last, p, q = tables.states.reshape(3, self.components, -1)
         for node, strength, state, count, number in tables.runs:
-            (keep, pull), own = tables.springs[number], slice(state, state + count)
+            (keep, pull), places = tables.springs[number], slice(state, state + count)
             here = slice(node, node + count)
             src, base, out = (self.split(level)[:, here] for level in stage[:3])
             increment = base if stage.increments else out - src
-            moved = keep * q[:, own] - pull * p[:, own] + increment - last[:, own]
-            gained = tables.strengths[strength : strength + count] * (moved - q[:, own])
-            last[:, own], q[:, own] = increment + gained, moved
-            p[:, own] += moved
+            moved = keep * q[:, places] - pull * p[:, places] + increment - last[:, places]
+            gained = tables.strengths[strength : strength + count] * (moved - q[:, places])
+            last[:, places], q[:, places] = increment + gained, moved
+            p[:, places] += moved
             for level in (out, base)[: 1 + stage.increments]:
                 level += gained
 
@@ -449,8 +451,8 @@ class Interpreter:
     def _flow(self) -> None:
         flows, src = self.tables.flows, self.stage.src
         inner = flows.neighbours >= 0
-        others = np.where(inner, flows.neighbours, flows.nodes)
-        gaps = self.factors(flows.nodes, others) * self._gaps(flows.nodes, others)[0]
+        neighbours = np.where(inner, flows.neighbours, flows.nodes)
+        gaps = self.factors(flows.nodes, neighbours) * self._gaps(flows.nodes, neighbours)[0]
         gaps = np.where(inner, gaps, -src[flows.nodes])
         np.add.at(flows.totals[0], flows.accounts, flows.effects[self.stage.part] * flows.weights * gaps)
 
@@ -488,9 +490,9 @@ class Interpreter:
             start, stop = int(outline_stencil.starts[bundle]), int(outline_stencil.starts[bundle + 1])
             for i, owner in enumerate(owners):
                 seen = values[places[start:stop, i, None].astype(int) // 8 + window]
-                kind, number = int(outline_stencil.kinds[bundle, i]), len(owners) * bundle + i
+                first, number = int(outline_stencil.kinds[bundle, i]), len(owners) * bundle + i
                 new = slice(int(outline_stencil.new_starts[number]), int(outline_stencil.new_starts[number + 1]))
-                total = (outline_stencil.table[kind : kind + stop - start] * seen).sum()
+                total = (outline_stencil.table[first : first + stop - start] * seen).sum()
                 total += outline_stencil.new_weights[new] @ stage.out[outline_stencil.new_nodes[new]]
                 self._set(np.array([owner]), np.array([total]))
 
@@ -550,8 +552,8 @@ class _Heat:
         loop = self.loop
         bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
         for bond, distance in enumerate(bonds.places[:, 0]):
-            there = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
-            self._push(loop.tables.heat.vectors[bond], there * loop.thermal_strain(nodes, nodes + distance), nodes)
+            present = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
+            self._push(loop.tables.heat.vectors[bond], present * loop.thermal_strain(nodes, nodes + distance), nodes)
 
     def push_beyond(self) -> None:
         """Do so at all nodes for springs, and for bonds without a law of their own."""
@@ -561,8 +563,8 @@ class _Heat:
             curved = _follow_law(bonds.zone, at) & _follow_law(bonds.zone, at + np.array(offset)[:, None])
             nodes = loop.nodes[~(curved & bonds.forces)]
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
-            there = alive * loop.factors(nodes, nodes + distance)
-            self._push(loop.tables.heat.beyond[bond], there * loop.thermal_strain(nodes, nodes + distance), nodes)
+            present = alive * loop.factors(nodes, nodes + distance)
+            self._push(loop.tables.heat.beyond[bond], present * loop.thermal_strain(nodes, nodes + distance), nodes)
 
     def _push(self, vector: np.ndarray, strains: np.ndarray, nodes: np.ndarray) -> None:
         self.loop.add(-self.loop.stage.scale * np.multiply.outer(vector, strains), nodes)
@@ -570,14 +572,13 @@ class _Heat:
     def stretch(self, axis: int, which: int) -> None:
         """Add the contribution of the layers to thermal forces, or to traces."""
         loop = self.loop
-        assert loop.engine.thermoelastic_layers is not None
-        weights, heat = loop.engine.thermoelastic_layers.weights[which - op.PUSHES], loop.tables.heat
+        weights, heat = loop.engine.heat_passes[which - op.PUSHES].weights, loop.tables.heat
         read = heat.thermal_strain[None] if which == op.PUSHES else loop.split(loop.stage.src)
-        found = loop.stretched(axis, read, weights, which).reshape(len(weights[0]), -1)
+        sums = loop.stretched(axis, read, weights, which).reshape(len(weights[0]), -1)
         if which == op.PUSHES:
-            loop.add(loop.stage.scale * found)
+            loop.add(loop.stage.scale * sums)
         else:
-            heat.traces[loop.nodes] += found[0]
+            heat.traces[loop.nodes] += sums[0]
 
     def advance_thermal_strains(self) -> None:
         """Advance the thermal strains to the next step."""
@@ -626,8 +627,8 @@ class _States:
             read, sign, nodes = levels[which - op.GRADIENT], (-1, 1)[which - op.GRADIENT], self.loop.nodes
             total = np.zeros((len(levels[which]), nodes.size))
             for distance, weight in zip(self._distances(), passes.weights[which - 1], strict=True):
-                there = self.loop.present(nodes, nodes + distance) & self.loop.engine.absent.exists[nodes]
-                total += weight @ (there * (read[:, nodes + distance] + sign * read[:, nodes]))
+                present = self.loop.present(nodes, nodes + distance) & self.loop.engine.absent.exists[nodes]
+                total += weight @ (present * (read[:, nodes + distance] + sign * read[:, nodes]))
             if which == op.GRADIENT:
                 states[:, nodes], self.raw = 0, True
             levels[which][:, nodes] += total * (1 if which == op.GRADIENT else scale)
@@ -636,9 +637,9 @@ class _States:
         elif operation == op.RELEASE:
             gone = self._break_bonds(lambda b, nodes, e: (e > 0) & (self._released(b, nodes, states) > 0))
             for bond, nodes in gone:  # their springs have been swept
-                there = nodes + self._distances()[bond]
-                pull = self.loop.matrices[bond] @ (levels[0][:, there] - levels[0][:, nodes])
-                levels[2][:, nodes] -= scale * self.loop.factors(nodes, there) * pull
+                neighbours = nodes + self._distances()[bond]
+                pull = self.loop.matrices[bond] @ (levels[0][:, neighbours] - levels[0][:, nodes])
+                levels[2][:, nodes] -= scale * self.loop.factors(nodes, neighbours) * pull
         elif operation == op.DAMAGED and number == STATES_AGAIN:
             lost = np.intersect1d(self._lost_bonds(), self.loop.nodes[self.loop.zone()])
             states[:, lost] = np.einsum("sab,sb->as", self._laws(lost), self._states_at(lost))
@@ -649,11 +650,11 @@ class _States:
             states[:, places] += self._remembered(states[:, places], "states", begins=number == 1)
         elif operation == op.STRETCH_FORCES:
             places = self.loop.tables.stretches.places
-            found = self._remembered(scale * self._parts(states, places), "forces", begins=number == 1)
-            levels[2][:, places] += found.reshape(self.loop.components, self.loop.components, -1).sum(1)
+            added = self._remembered(scale * self._parts(states, places), "forces", begins=number == 1)
+            levels[2][:, places] += added.reshape(self.loop.components, self.loop.components, -1).sum(1)
         elif operation == op.STRETCH:
-            found = self.loop.stretched(number, levels[which - op.GRADIENT], passes.weights[which - 1], which)
-            levels[which][:, self.loop.nodes] += (1 if which == op.GRADIENT else scale) * found.reshape(len(found), -1)
+            added = self.loop.stretched(number, levels[which - op.GRADIENT], passes.weights[which - 1], which)
+            levels[which][:, self.loop.nodes] += (1 if which == op.GRADIENT else scale) * added.reshape(len(added), -1)
 
     def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
         """Return what stretching adds to derivatives, shape (dim^2, nodes), by the trapezoidal rule."""
@@ -669,11 +670,11 @@ class _States:
 
     def _parts(self, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Return the forces on some nodes by component and axis of the derivative, from the bonds present."""
-        found = np.zeros((len(states), len(nodes)))
+        sums = np.zeros((len(states), len(nodes)))
         for distance, weight in zip(self._distances(), self.passes.sums.divergence, strict=True):
             both = self.loop.present(nodes, nodes + distance) * (states[:, nodes + distance] + states[:, nodes])
-            found += weight.sum(0)[:, None] * both
-        return found
+            sums += weight.sum(0)[:, None] * both
+        return sums
 
     def _strained(self, nodes: np.ndarray) -> np.ndarray:
         """Return the states of nodes whose strain is the thermal strain, shape (S, n)."""
@@ -714,16 +715,16 @@ class _States:
 
     def _shapes(self, nodes: np.ndarray) -> np.ndarray:
         """Return the shape tensors of nodes."""
-        there = np.stack([self.loop.present(nodes, nodes + distance) for distance in self._distances()])
-        return np.einsum("ks,kab->sab", there, self.passes.sums.shapes)
+        present = np.stack([self.loop.present(nodes, nodes + distance) for distance in self._distances()])
+        return np.einsum("ks,kab->sab", present, self.passes.sums.shapes)
 
     def _states_at(self, nodes: np.ndarray) -> np.ndarray:
         """Return the states of some nodes, summed over their bonds, shape (S, n)."""
         u, distances = self.loop.split(self.loop.stage.src), self._distances()
-        there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
+        present = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
         eta = np.stack([u[:, nodes + distance] - u[:, nodes] for distance in distances])
         eta -= self._given_way(nodes, 0 * distances)
-        return np.asarray(np.einsum("ks,kqa,kas->sq", there, self.passes.weights[0], eta))
+        return np.asarray(np.einsum("ks,kqa,kas->sq", present, self.passes.weights[0], eta))
 
     def _released(self, bond: int, nodes: np.ndarray, states: np.ndarray) -> np.ndarray:
         """Return by how much the energy lost with a bond of some nodes exceeds the energy at which it breaks."""
@@ -731,11 +732,11 @@ class _States:
         distance, u = self._distances()[bond], self.loop.split(self.loop.stage.src)
         xi = bonds.table[bond, : self.loop.components, None]
         eta = u[:, nodes + distance] - u[:, nodes] - self.loop.thermal_strain(nodes, nodes + distance) * xi
-        own = passes.weights[0][bond] @ eta
+        of_bond = passes.weights[0][bond] @ eta
         moduli = passes.moduli_at(nodes) + passes.moduli_at(nodes + distance)
         firm = np.broadcast_to(bonds.harmonic_eigenvalue, self.loop.engine.layout.size)
         stress = firm[nodes] * states[:, nodes] + firm[nodes + distance] * states[:, nodes + distance]
-        stress -= np.einsum("sab,bs->as", self._whole_laws(moduli), own) / 2
+        stress -= np.einsum("sab,bs->as", self._whole_laws(moduli), of_bond) / 2
         energy = np.einsum("as,as->s", eta, scale * passes.weights[1][bond] @ stress)
         springs = scale / 2 * self.loop.factors(nodes, nodes + distance)
         energy += springs * np.einsum("as,ab,bs->s", eta, self.loop.matrices[bond], eta)
@@ -773,12 +774,12 @@ class _States:
         passes, total = self.passes, np.zeros(len(nodes))
         now, ago = self.loop.split(self.loop.stage.src), self.loop.split(self.loop.stage.base)
         distances = self._distances()
-        there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
+        present = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
         (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
-        own, both = self._given_way(nodes, 0 * distances), self._given_way(nodes, distances)
+        at_node, both = self._given_way(nodes, 0 * distances), self._given_way(nodes, distances)
         last = np.einsum("sab,sb->sa", self._laws(nodes), self._states_at(nodes))
-        total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old - own)
-        springs = there * np.stack([self.loop.factors(nodes, nodes + d) for d in distances])
+        total += np.einsum("ks,kaq,sq,kas->s", present, passes.weights[1], last, old - at_node)
+        springs = present * np.stack([self.loop.factors(nodes, nodes + d) for d in distances])
         total += np.einsum("ks,kab,kas,kbs->s", springs, self.loop.matrices, old - both, eta - both) / 2
         return float(self.loop.stage.scale * total.sum() / 2)
 
@@ -796,12 +797,12 @@ def _lasts(bonds: Bonds, bond: int, nodes: np.ndarray) -> np.ndarray:
 
 
 def _shares(
-    bonds: Bonds, softening: str | None, nodes: np.ndarray, others: np.ndarray, e: np.ndarray, limit: np.ndarray
+    bonds: Bonds, softening: str | None, nodes: np.ndarray, neighbours: np.ndarray, e: np.ndarray, limit: np.ndarray
 ) -> np.ndarray:
     """Return the fractions of the bonds' stiffness that remain at strains beyond the limit."""
     if softening is None:
         return np.zeros(len(nodes))
-    final = np.minimum(bonds.final[nodes], bonds.final[others])
+    final = np.minimum(bonds.final[nodes], bonds.final[neighbours])
     with np.errstate(divide="ignore", invalid="ignore"):  # for bonds below the limit, whose values are not used
         stretch, onset = (np.sqrt(1 + x) - 1 if bonds.nonlinear else x / 2 for x in (e, limit))
         if softening == "linear":

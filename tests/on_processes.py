@@ -427,15 +427,15 @@ def really_sent(engine):
     return engine.dtype.itemsize * (values[0] * sum(numbers) + sum(values[1:-1]) * stages)
 
 
-def apart(one, other):
+def apart(energies, reference):
     """Return the largest difference between energies, relative to the largest energy."""
-    assert one.keys() == other.keys()
-    return max(abs(one[name] - value) for name, value in other.items()) / max(map(abs, other.values()))
+    assert energies.keys() == reference.keys()
+    return max(abs(energies[name] - value) for name, value in reference.items()) / max(map(abs, reference.values()))
 
 
-def relative(one, other):
+def relative(field, reference):
     """Return the largest difference between two fields, relative to the largest value."""
-    return float(np.nanmax(np.abs(one - other)) / max(np.nanmax(np.abs(other)), 1e-300))
+    return float(np.nanmax(np.abs(field - reference)) / max(np.nanmax(np.abs(reference)), 1e-300))
 
 
 def sums_of(run):
@@ -451,15 +451,15 @@ def compared():
         for topology in grids:
             together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
             together.run(4.0)
-            found = {one: together.team.joined(together.lattice, field) for one, field in together.fields.items()}
+            joined = {key: together.team.joined(together.lattice, field) for key, field in together.fields.items()}
             energies, sent = sums_of(together), WORLD.gather(really_sent(together.engine))
             broken = together.broken_bonds
             if WORLD.rank == 0:
                 alone = fh.Simulation.of(setup)
                 alone.run(4.0)
-                every = [(found[one], field) for one, field in alone.fields.items()]
-                same = all(np.array_equal(one, other, equal_nan=True) for one, other in every)
-                off = max(relative(one, other) for one, other in every)
+                pairs = [(joined[key], field) for key, field in alone.fields.items()]
+                same = all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
+                off = max(relative(*pair) for pair in pairs)
                 moves = float(np.nanmax(np.abs(alone.fields["u"])))
                 boxes = together.subdomain.decomposition
                 yield {
@@ -490,7 +490,7 @@ def files():
             for name in ("breaking, nonlinear", "a body", "pumped and heated")
         }
     for name, (setup, points) in list(kinds.items())[: 1 if SIZE == "few" else None]:
-        heard = []
+        records = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
             record = ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
             receivers = fh.Receivers(points, record=record, interpolation="linear")
@@ -500,14 +500,14 @@ def files():
             for until in (0.5, 1.5):  # the file is continued
                 run.run(until, every=0.5, output=path)
             run.write(path.with_suffix(".now.h5"), ["v", *["stress"] * setup.model.mechanical])
-            heard.append({"probes": run.probes.values, **receivers.data})
+            records.append({"probes": run.probes.values, **receivers.data})
         if WORLD.rank == 0:
-            apart = [float(np.abs(one - heard[1][key]).max() / np.abs(one).max()) for key, one in heard[0].items()]
+            apart = [float(np.abs(v - records[1][key]).max() / np.abs(v).max()) for key, v in records[0].items()]
             yield {"files": name, "probes": apart[0], "receivers": max(apart[1:])}
         asleep_until_all_are_here()
 
 
-def heard(setup, communicator=None, topology=None):
+def with_receiver(setup, communicator=None, topology=None):
     """Return a run with a receiver in the middle."""
     return fh.Simulation.of(setup, [fh.Receivers(np.zeros((1, setup.lattice.dim)))], communicator, topology)
 
@@ -518,50 +518,50 @@ def kept():
     """
     for name in {"few": KEPT[:1], "all": KEPT, "slow": KEPT + KEPT_SLOWLY}[SIZE]:
         setup, path = (CASES | SLOW)[name][0], FOLDER / f"{name}.ckpt"
-        first, other = OTHER_BOXES[WORLD.size, setup.lattice.dim]
-        start = heard(setup, WORLD, first).run(2.0)
+        first, second = OTHER_BOXES[WORLD.size, setup.lattice.dim]
+        start = with_receiver(setup, WORLD, first).run(2.0)
         start.save(path, answer=42)
         broken = start.broken_bonds
         if WORLD.rank == 0:
-            heard(setup).run(2.0).save(path.with_suffix(".one.ckpt"), answer=42)
+            with_receiver(setup).run(2.0).save(path.with_suffix(".one.ckpt"), answer=42)
         asleep_until_all_are_here()
-        runs = {"as it was": (start.run(4.0), None), "other boxes": (heard(setup, WORLD, other), path)}
-        for boxes in (first, other):
-            runs[f"{boxes} from one"] = heard(setup, WORLD, boxes), path.with_suffix(".one.ckpt")
-        for size, team in FEWER.items():
+        runs = {"as it was": (start.run(4.0), None), "other boxes": (with_receiver(setup, WORLD, second), path)}
+        for boxes in (first, second):
+            runs[f"{boxes} from one"] = with_receiver(setup, WORLD, boxes), path.with_suffix(".one.ckpt")
+        for size, group in FEWER.items():
             if WORLD.rank < size:
-                runs[f"{size} processes"] = heard(setup, team), path
+                runs[f"{size} processes"] = with_receiver(setup, group), path
         if WORLD.rank == 0:
-            runs["one from one"] = heard(setup), path.with_suffix(".one.ckpt")
-        found, sums, steps, answers = {}, {}, set(), set()
+            runs["one from one"] = with_receiver(setup), path.with_suffix(".one.ckpt")
+        values, sums, steps, answers = {}, {}, set(), set()
         for how, (run, kept) in runs.items():
             if kept is not None:
                 answers.add(run.load(kept)["answer"])
                 run.run(4.0)
             steps.add(run.step_count)
             fields = [run.team.joined(run.lattice, field) for field in run.fields.values()]
-            found[how] = *fields, run.recorders[0].data["u"]
+            values[how] = *fields, run.recorders[0].data["u"]
             sums[how] = {**sums_of(run), "broken bonds": run.broken_bonds}
         if WORLD.rank == 0:
-            whole, summed = found.pop("as it was"), sums.pop("as it was")
+            expected, summed = values.pop("as it was"), sums.pop("as it was")
             same = {
-                how: all(np.array_equal(*pair, equal_nan=True) for pair in zip(values, whole, strict=True))
-                for how, values in found.items()
+                how: all(np.array_equal(*pair, equal_nan=True) for pair in zip(of_run, expected, strict=True))
+                for how, of_run in values.items()
             }
-            off = max(relative(*pair) for one in found.values() for pair in zip(one, whole, strict=True))
-            energy = max(apart(one, summed) for one in sums.values())
+            off = max(relative(*pair) for of_run in values.values() for pair in zip(of_run, expected, strict=True))
+            energy = max(apart(energies, summed) for energies in sums.values())
             line = {"kept": name, "same": same, "off": off, "energy": energy, "broken": broken}
             yield line | {"answers": list(answers), "steps": list(steps)}
         asleep_until_all_are_here()
     if SIZE == "few":
         return
     yield from adopted()
-    other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
+    unlike, message = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
     try:
-        other.load(FOLDER / "wave.ckpt")
+        unlike.load(FOLDER / "wave.ckpt")
     except fh.InputError as error:
-        told = str(error)
-    yield {"unlike": WORLD.gather(told)}
+        message = str(error)
+    yield {"unlike": WORLD.gather(message)}
 
 
 def adopted():
@@ -570,41 +570,41 @@ def adopted():
     """
     setup, path = plane(sides=fh.LatticePML(target=1e-4, until=4.0)), FOLDER / "adopted.ckpt"
     if WORLD.rank == 0:
-        alone = heard(setup).run(12.0)
+        alone = with_receiver(setup).run(12.0)
         alone.save(path)
     asleep_until_all_are_here()
-    one, other = (heard(setup, WORLD, boxes) for boxes in OTHER_BOXES[WORLD.size, 2])
+    first, second = (with_receiver(setup, WORLD, boxes) for boxes in OTHER_BOXES[WORLD.size, 2])
     restored = fh.Simulation.restore(path, communicator=WORLD).run(14.0)
     again = restored.team.joined(restored.lattice, restored.fields["u"])
-    one.load(path)
-    one.run(13.0).save(path)
-    other.load(path)
-    whole = other.team.joined(other.lattice, other.run(14.0).fields["u"])
+    first.load(path)
+    first.run(13.0).save(path)
+    second.load(path)
+    joined = second.team.joined(second.lattice, second.run(14.0).fields["u"])
     if WORLD.rank == 0:
-        back = heard(setup)
+        back = with_receiver(setup)
         back.load(path)
-        found = alone.run(14.0).fields["u"]
-        nodes = alone.engine.layout.low[2], heard(setup).engine.layout.low[2]
-        same = [np.array_equal(one, found) for one in (whole, again, back.run(14.0).fields["u"])]
+        expected = alone.run(14.0).fields["u"]
+        nodes = alone.engine.layout.low[2], with_receiver(setup).engine.layout.low[2]
+        same = [np.array_equal(field, expected) for field in (joined, again, back.run(14.0).fields["u"])]
         yield {"adopted": same, "nodes": nodes}
     asleep_until_all_are_here()
 
 
 def tips():
     """Compare the path of a crack recorded by all processes with that recorded by one."""
-    setup, told = torn(critical_stretch=0.005, nonlinear=True), []
+    setup, records = torn(critical_stretch=0.005, nonlinear=True), []
     for together in (True, False) if WORLD.rank == 0 else (True,):
         tips = fh.CrackTips(every=5)
         run = fh.Simulation.of(setup, [tips], WORLD if together else None, ALONG_X[0] if together else None)
         run.run(5.0)
-        told.append([tips.data["position"], tips.length, tips.dissipated])
-    every = WORLD.gather(told[0])
+        records.append([tips.data["position"], tips.length, tips.dissipated])
+    of_processes = WORLD.gather(records[0])
     if WORLD.rank == 0:
-        pairs = list(zip(*told, strict=True))
+        pairs = list(zip(*records, strict=True))
         alike = np.array_equal(*pairs[0], equal_nan=True)
-        alike &= all(np.array_equal(told[0][0], one[0], equal_nan=True) for one in every)
-        off = max(float(np.abs(one - other).max() / other.max()) for one, other in pairs[1:])
-        yield {"tips": alike, "sums": off, "length": [float(told[0][1][0]), float(told[0][1][-1])]}
+        alike &= all(np.array_equal(records[0][0], record[0], equal_nan=True) for record in of_processes)
+        off = max(float(np.abs(values - expected).max() / expected.max()) for values, expected in pairs[1:])
+        yield {"tips": alike, "sums": off, "length": [float(records[0][1][0]), float(records[0][1][-1])]}
     asleep_until_all_are_here()
 
 
@@ -649,19 +649,20 @@ def recorded():
         ),
     ):
         for topology in ALONG_Y if name == "a solid" else ALONG_X + ALONG_Y:
-            told = []
+            data = []
             for together in (True, False) if WORLD.rank == 0 else (True,):
-                recorders, team = make(), WORLD if together else None
-                run = fh.Simulation.of(setup, recorders, team, topology if together else None)
+                recorders, communicator = make(), WORLD if together else None
+                run = fh.Simulation.of(setup, recorders, communicator, topology if together else None)
                 run.run(20.0 if name == "a wave" else 4.0)
-                records = [part for one in run.recorders for part in (one.recorded, *one.concluded())]
-                told.append({(r.name, key): v for r in records for key, v in [*r.data.items(), *r.spectra.items()]})
-            every = WORLD.gather(list(told[0].values()))
+                records = [part for recorder in run.recorders for part in (recorder.recorded, *recorder.concluded())]
+                data.append({(r.name, key): v for r in records for key, v in [*r.data.items(), *r.spectra.items()]})
+            of_processes = WORLD.gather(list(data[0].values()))
             if WORLD.rank == 0:
-                off = {" ".join(key): relative(told[0][key], value) for key, value in told[1].items()}
-                alike = all(np.array_equal(*pair) for one in every for pair in zip(every[0], one, strict=True))
-                size = min(float(np.abs(value).max()) for value in told[1].values())
-                yield {"recorded": name, "off": off, "alike": alike, "least": size, "keys": len(told[0])}
+                off = {" ".join(key): relative(data[0][key], value) for key, value in data[1].items()}
+                first, *others = of_processes
+                alike = all(np.array_equal(*pair) for values in others for pair in zip(first, values, strict=True))
+                size = min(float(np.abs(value).max()) for value in data[1].values())
+                yield {"recorded": name, "off": off, "alike": alike, "least": size, "keys": len(data[0])}
             asleep_until_all_are_here()
 
 
@@ -710,9 +711,9 @@ def commands():
         out, errors = io.StringIO(), io.StringIO()
         with redirect_stdout(out), redirect_stderr(errors):
             code = main(given)
-        every = WORLD.gather((code, out.getvalue(), errors.getvalue()))
+        of_processes = WORLD.gather((code, out.getvalue(), errors.getvalue()))
         if WORLD.rank == 0:
-            yield {"command": " ".join(words), "told": every}
+            yield {"command": " ".join(words), "told": of_processes}
 
 
 STATIC = [word for end in ("until=static", "limit=60.0", "tolerance=0.1") for word in ("--set", f"run.{end}")]
@@ -758,15 +759,15 @@ def refused():
             fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3), fh.NonlocalPML(6)
         ),
     }.items():
-        told = ""
+        message = ""
         observe = [Unshared([(0.0, 0.0)], [0.1])] if what == "unshared" else []
         try:
             setup = make()
             topology = [WORLD.size, 1][: setup.lattice.dim]
             fh.Simulation.of(setup, observe, communicator=WORLD, topology=topology).step(3)
         except fh.InputError as error:
-            told = str(error)
-        yield {"refused": what, "told": WORLD.gather(told)}
+            message = str(error)
+        yield {"refused": what, "told": WORLD.gather(message)}
 
 
 def unstable():
@@ -774,12 +775,12 @@ def unstable():
     run = fh.Simulation.of(plane(sides=fh.Fixed()), communicator=WORLD)
     if WORLD.rank == WORLD.size - 1:
         run.engine.current[run.engine.core.origin] = np.inf
-    told = ""
+    message = ""
     try:
         run.step(3)
     except fh.UnstableError as error:
-        told = str(error)
-    yield {"unstable": WORLD.gather(told)}
+        message = str(error)
+    yield {"unstable": WORLD.gather(message)}
 
 
 PARTS = {

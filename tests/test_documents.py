@@ -6,8 +6,10 @@ import importlib.util
 import json
 import re
 import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from PIL import Image
 import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.cli import main
+from farhorizon.files.storable import Storable
+from farhorizon.simulation.recorders.recorder import Recorder
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -94,6 +98,44 @@ def test_links_lead_somewhere(path):
             there = (path.parent / name).resolve() if name else path
             assert there.exists(), target
             assert not anchor or anchor in _anchors(there), target
+
+
+#: Pages that say what to do and what to expect: how it was measured is on the pages of evidence.
+GUIDANCE = [
+    ROOT / "README.md",
+    *(ROOT / "docs" / f"{name}.md" for name in ("index", "limits", "accuracy", "performance")),
+    *(path for room in ("tutorials", "howto", "reference") for path in sorted((ROOT / "docs" / room).glob("*.md"))),
+]
+
+
+@pytest.mark.parametrize("path", GUIDANCE, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_guidance_names_no_tests_seeds_or_trials(path):
+    """Neither names of tests, nor commands that run them, nor seeds, nor the inner workings of the choice of layers."""
+    text = re.sub(r"\]\([^)\s]*\)", "]", path.read_text(encoding="utf-8"))  # links may lead anywhere
+    text = text.replace("'.[test]'", "")  # the extra that an installation may have
+    found = re.findall(r"(?i)\bpytest\b|\btests?/\w+|\btest_\w+|\bseeds?\b|\btrials?\b|measured once", text)
+    assert not found, found
+
+
+EXTENSIONS = re.findall(
+    r"^```python\n(.*?)```", (ROOT / "docs" / "extending.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+)
+
+
+@pytest.mark.parametrize(
+    "program", EXTENSIONS, ids=lambda program: re.findall(r"^(?:class|def) (\w+)", program, re.M)[0]
+)
+def test_examples_of_extensions_run(program, monkeypatch):
+    """Each has at most 40 lines and runs by itself; what it defines is forgotten afterwards."""
+    assert len(program.splitlines()) <= 40
+    defined = re.findall(r"^class (\w+)", program, re.MULTILINE)
+    families = (fh.LatticeModel, fh.Side, fh.Shape, fh.Load, fh.Signal, Recorder)
+    for family, name in [*((family, "known") for family in families), (Storable, "stored_as")]:
+        others = {key: known for key, known in getattr(family, name).items() if key not in defined}
+        monkeypatch.setattr(family, name, others)
+    made = ModuleType("extension")
+    monkeypatch.setitem(sys.modules, made.__name__, made)
+    exec(program, made.__dict__)
 
 
 def test_marked_figures_are_the_measured_ones():

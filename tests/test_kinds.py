@@ -122,6 +122,7 @@ RIGHT = {
         "fracture_energy": None,
         "softening": None,
         "contact": None,
+        "integrator": "verlet",
     },
     "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},
     "Exact": {"compress": 1e-12},

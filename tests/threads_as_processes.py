@@ -10,39 +10,39 @@ from farhorizon.simulation.processes.process_group import ProcessGroup
 class Threads(ProcessGroup):
     """One of several processes that are threads, gathering values from each other."""
 
-    def __init__(self, number, told, barrier):
+    def __init__(self, number, shared, barrier):
         super().__init__()
-        self.number, self.size, self._told, self._barrier = number, len(told), told, barrier
-        self._all = self
+        self.number, self.size, self._shared, self._barrier = number, len(shared), shared, barrier
+        self._communicator = self
 
     def gather(self, value):
-        self._told[self.number] = value
+        self._shared[self.number] = value
         self._barrier.wait()
-        every = list(self._told)
+        values = list(self._shared)
         self._barrier.wait()
-        return every
+        return values
 
-    def send_receive(self, value, to, of):
-        every = self.gather(value)
-        return None if of < 0 else every[of]
+    def _shifted(self, value, to, of):
+        values = self.gather(value)
+        return None if of < 0 else values[of]
 
     def summed(self, values):
         return np.sum(self.gather(values), axis=0)
 
 
 def on_threads(count, work):
-    """Return what work(team) returns on each of `count` threads; raise the exception of one that fails, without
+    """Return what work(group) returns on each of `count` threads; raise the exception of one that fails, without
     letting the others wait for it.
     """
-    told, barrier, found, failed = [None] * count, threading.Barrier(count, timeout=60), [None] * count, []
+    shared, barrier, results, failures = [None] * count, threading.Barrier(count, timeout=60), [None] * count, []
 
     def run(number):
         try:
-            found[number] = work(Threads(number, told, barrier))
+            results[number] = work(Threads(number, shared, barrier))
         except threading.BrokenBarrierError:
             pass  # another thread has failed
         except Exception as error:
-            failed.append(error)
+            failures.append(error)
             barrier.abort()
 
     threads = [threading.Thread(target=run, args=(number,)) for number in range(count)]
@@ -50,6 +50,6 @@ def on_threads(count, work):
         thread.start()
     for thread in threads:
         thread.join()
-    if failed:
-        raise failed[0]
-    return found
+    if failures:
+        raise failures[0]
+    return results

@@ -31,7 +31,9 @@ until = "1 us"
 
 def test_constants_are_named_in_words_with_units(tmp_path, monkeypatch):
     seen, case = {}, Case(DISC)
-    monkeypatch.setattr(drawing, "field_panels", lambda *given, label, **_: seen.update({given[2].name: label}))
+    monkeypatch.setattr(
+        drawing, "field_panels", lambda _panels, _axes, path, look: seen.update({path.name: look.label})
+    )
     with counted_in(case.unit_names):
         drawing.draw_geometry(case, case.run(), tmp_path)
     assert seen == {

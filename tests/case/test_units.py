@@ -13,6 +13,7 @@ from farhorizon.case.case import Case
 from farhorizon.case.schema import schema
 from farhorizon.case.units import Units, unit
 from farhorizon.pictures.fields import field_panels
+from farhorizon.pictures.panels import Panel
 from farhorizon.pictures.style import counted_in, time_text
 
 PLATE = """
@@ -218,7 +219,7 @@ def test_finer_cases_keep_their_units():
 def test_pictures_name_the_units():
     axes = [np.arange(4.0), np.arange(3.0)]
     with counted_in({"length": "mm", "time": "us"}):
-        figure = field_panels([(time_text(3.0), np.ones((4, 3)))], axes, None)
+        figure = field_panels([Panel(time_text(3.0), np.ones((4, 3)))], axes, None)
     panel = figure.axes[0]
     assert (panel.get_xlabel(), panel.get_ylabel(), panel.get_title()) == ("x (mm)", "y (mm)", "3 µs")
     assert time_text(3.0) == "3" and time_text(2e7).endswith("{7}$")

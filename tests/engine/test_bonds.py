@@ -28,9 +28,9 @@ class PairByPair:
         free = ((index >= 2 * reach) & (index < shape - 2 * reach)).all(1)
         around = max(sim.stencil.reach)
         number = np.pad(np.arange(len(index)).reshape(shape), around, constant_values=-1)
-        others = np.stack([number[tuple((index + around + o).T)] for o in sim.stencil.offsets], -1)
-        self.i, bond = np.nonzero(others >= 0)
-        self.j = others[self.i, bond]
+        neighbours = np.stack([number[tuple((index + around + o).T)] for o in sim.stencil.offsets], -1)
+        self.i, bond = np.nonzero(neighbours >= 0)
+        self.j = neighbours[self.i, bond]
         self.c = model.bond_stiffness(sim.stencil, lattice.spacing)[bond] / model.density
         if coefficient is not None:
             factor = np.pad(coefficient, reach, mode="edge").ravel()
@@ -221,11 +221,11 @@ def test_bonds_that_end_where_they_begin_to_soften_break_at_once(softening):
     ]
     for sim in runs:
         sim.step(40)
-    one, two = runs
-    assert one.broken_bonds == two.broken_bonds > 20
-    np.testing.assert_allclose(one.fields["u"], two.fields["u"], rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(one.fields["damage"], two.fields["damage"])
-    assert one.energies() == pytest.approx(two.energies(), rel=1e-10)
+    first, second = runs
+    assert first.broken_bonds == second.broken_bonds > 20
+    np.testing.assert_allclose(first.fields["u"], second.fields["u"], rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(first.fields["damage"], second.fields["damage"])
+    assert first.energies() == pytest.approx(second.energies(), rel=1e-10)
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
@@ -233,39 +233,39 @@ def test_periodic_box_is_the_same_wherever_it_is_cut(nonlinear):
     """Bonds across periodic sides follow the law and break: a shifted start gives the shifted result, bitwise."""
     v = 0.03 * np.random.default_rng(2).standard_normal((2, 20, 24))
     model = Elastic(Kernel(1.0, 1), 1.0, nonlinear=nonlinear, critical_stretch=0.04)
-    found = []
+    results = []
     for shift in ((0, 0), (7, 5)):
         sim = Simulation(lattice_of((20, 24), 0.5), model, Periodic(), {"v": np.roll(v, shift, (1, 2))})
         sim.step(40)
-        found.append([np.roll(sim.fields[name], (-shift[0], -shift[1]), (-2, -1)) for name in ("u", "damage")])
+        results.append([np.roll(sim.fields[name], (-shift[0], -shift[1]), (-2, -1)) for name in ("u", "damage")])
         assert sim.broken_bonds > 20
-    for one, two in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, two)
+    for first, second in zip(*results, strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 @pytest.mark.parametrize("shape", [(210, 200), (36, 34, 35)], ids=["2D", "3D"])
 def test_threads_agree_to_the_last_bit(shape):
     """Fields, damage and energies; the lattices are large enough for two threads (40 000 nodes)."""
-    one, two = (shaken(shape, True, LatticePML(nodes=4), threads=n) for n in (1, 2))
-    for sim in (one, two):
+    single, pair = (shaken(shape, True, LatticePML(nodes=4), threads=n) for n in (1, 2))
+    for sim in (single, pair):
         sim.step(12)
-    assert one.broken_bonds > 1000
+    assert single.broken_bonds > 1000
     for name in ("u", "damage"):
-        np.testing.assert_array_equal(one.fields[name], two.fields[name])
-    assert one.energies() == two.energies()
+        np.testing.assert_array_equal(single.fields[name], pair.fields[name])
+    assert single.energies() == pair.energies()
 
 
 def test_threads_agree_on_the_work_of_sources():
     """No thread overwrites a level whose work another thread is still adding up."""
-    shape, found = (210, 200), []
+    shape, works = (210, 200), []
     field = np.random.default_rng(4).standard_normal((2, *shape))
     for threads in (1, 2):
         model = Elastic(Kernel(1.0, 1), 1.0)
         sources = [Source(field, "sin(3*t)")]
         sim = Simulation(lattice_of(shape, 0.5), model, Free(), sources=sources, balance=True, threads=threads)
         sim.step(60)
-        found.append(sim.engine.tables.work)
-    np.testing.assert_array_equal(*found)
+        works.append(sim.engine.tables.work)
+    np.testing.assert_array_equal(*works)
 
 
 @pytest.mark.slow  # single precision, for which few runs share the kernels: these compile for long
@@ -282,12 +282,12 @@ def test_single_precision(nonlinear):
 
 def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
     """Plain tiles only save time: marking all tiles as damaged changes nothing but rounding."""
-    one, two = (shaken((30, 41), True, speed=0.01) for _ in range(2))
-    two.engine.tables.bonds.kinds[...] = 1
-    for sim in (one, two):
+    plain, marked = (shaken((30, 41), True, speed=0.01) for _ in range(2))
+    marked.engine.tables.bonds.kinds[...] = 1
+    for sim in (plain, marked):
         sim.step(40)
-    np.testing.assert_allclose(one.fields["u"], two.fields["u"], rtol=0, atol=1e-13)
-    assert (one.engine.tables.bonds.kinds == 0).any()
+    np.testing.assert_allclose(plain.fields["u"], marked.fields["u"], rtol=0, atol=1e-13)
+    assert (plain.engine.tables.bonds.kinds == 0).any()
 
 
 def test_masks_cost_a_word_of_bits_for_64_bonds():
@@ -317,8 +317,8 @@ def test_calm_pieces_are_swept_by_the_stencil(shape):
     runs[1].engine.tables.bonds.limit[1] = 0
     for sim in runs:
         sim.step(25)
-    one, two = (sim.fields for sim in runs)
-    np.testing.assert_allclose(one["u"], two["u"], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(one["damage"], two["damage"])
+    first, second = (sim.fields for sim in runs)
+    np.testing.assert_allclose(first["u"], second["u"], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(first["damage"], second["damage"])
     assert 0 < runs[0].broken_bonds
-    assert (one["u"] != two["u"]).any()  # the two paths are not the same
+    assert (first["u"] != second["u"]).any()  # the two paths are not the same

@@ -55,11 +55,11 @@ def test_a_layer_sends_back_what_its_equations_say(name):
     """The step of the compiled loop against the force through the factor ``1 + strength g``."""
     strip = Strip(simulation(name), 0, 11)
     asked = {1: (0.0, 0.0), 2: (35.0, 0.0), 3: (35.0, 20.0)}[MEDIA[name][1]]
-    for kind in strip.types:
-        found = strip.reflections(7.0, *asked, kind)
-        known = LayerSide(strip.medium, TUNED).reflections(7.0, *asked, kind)
-        assert max(map(abs, known.values())) > 1e-5
-        assert all(abs(found[one] - known[one]) < 1e-12 for one in known)
+    for incoming in strip.types:
+        of_strip = strip.reflections(7.0, *asked, incoming)
+        of_equations = LayerSide(strip.medium, TUNED).reflections(7.0, *asked, incoming)
+        assert max(map(abs, of_equations.values())) > 1e-5
+        assert all(abs(of_strip[outgoing] - of_equations[outgoing]) < 1e-12 for outgoing in of_equations)
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.6, 1.2])
@@ -108,11 +108,11 @@ def test_the_interpreter_computes_the_same(name):
 
 @pytest.mark.parametrize("name", ["bonds", "space", "scalar in space"])
 def test_more_threads_change_nothing(name):
-    one, two = (simulation(name, nodes=161 if name == "bonds" else 27, threads=threads) for threads in (1, 2))
-    for sim in (one, two):
+    single, double = (simulation(name, nodes=161 if name == "bonds" else 27, threads=threads) for threads in (1, 2))
+    for sim in (single, double):
         sim.step(40)
-    assert two.engine.threads == 2
-    np.testing.assert_array_equal(one.fields["u"], two.fields["u"])
+    assert double.engine.threads == 2
+    np.testing.assert_array_equal(single.fields["u"], double.fields["u"])
 
 
 @pytest.mark.sampled(3)
@@ -137,18 +137,18 @@ def test_halves_of_states_miss_a_part_of_what_dampers_take(name, layer, most):
     """The error without stretch, and beside layers whose memory has six digits, too; it is relative to the
     amplitude.
     """
-    short, found = side(replace(layer, short=True)), []
+    short, fields = side(replace(layer, short=True)), []
     start = simulation(name, short).fields["u"].copy()
     for boundary, factor in ((side(layer), 1.0), (short, 1.0), (short, 2.0**-200), (short, 2.0**200)):
         sim = simulation(name, boundary, u=factor * start)
         sim.step(60)
-        found.append(sim.fields["u"] / factor)
+        fields.append(sim.fields["u"] / factor)
     assert sim.engine.tables.dampers.states.dtype == "int32"
-    missed = np.abs(found[1] - found[0]).max() / np.abs(start).max()
+    missed = np.abs(fields[1] - fields[0]).max() / np.abs(start).max()
     print(missed)
     assert 0 < missed < most
-    for other in found[2:]:
-        np.testing.assert_array_equal(other, found[1])
+    for scaled in fields[2:]:
+        np.testing.assert_array_equal(scaled, fields[1])
 
 
 def test_each_node_of_the_layers_has_one_place():
@@ -169,11 +169,11 @@ def test_single_precision():
 @pytest.mark.parametrize("name", ["line", "bonds", "space"])
 def test_they_belong_to_the_state(name):
     """A state that is written and advanced continues like the run it was read from."""
-    one, other = simulation(name), simulation(name)
-    one.step(12)
-    after = State(other.engine).after(State(one.engine).read(), 9)
-    one.step(9)
-    np.testing.assert_array_equal(after, State(one.engine).read())
+    sim, second = simulation(name), simulation(name)
+    sim.step(12)
+    after = State(second.engine).after(State(sim.engine).read(), 9)
+    sim.step(9)
+    np.testing.assert_array_equal(after, State(sim.engine).read())
 
 
 def test_plain_layers_have_none():

@@ -21,8 +21,8 @@ def periodic(dim=2, **more):
     u = np.zeros(shape)
     u[:3, 8:11] = np.random.default_rng(5).standard_normal(u[:3, 8:11].shape)
     lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
-    there = {axis: side for axis, side in sides.items() if axis in "xyz"[:dim]}
-    return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), there, {"u": u}, threads=1, **more)
+    boundary = {axis: side for axis, side in sides.items() if axis in "xyz"[:dim]}
+    return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), boundary, {"u": u}, threads=1, **more)
 
 
 class Mailbox:
@@ -49,28 +49,28 @@ class Mailbox:
         self.look = lambda: None
         self.handle, self.requests = ctypes.c_void_p if wide else ctypes.c_int, 0
         self.communicator, self.kind = (0x7F1122334455667, 0x7F1122334455663) if wide else (0x44000001, 0x4C00010D)
-        whole, place = ctypes.c_int, ctypes.c_void_p
-        begins = ctypes.CFUNCTYPE(whole, place, whole, self.handle, whole, whole, self.handle, place)
-        waits = ctypes.CFUNCTYPE(whole, whole, place, place)
-        tests = ctypes.CFUNCTYPE(whole, whole, place, ctypes.POINTER(whole), place)
+        integer, pointer = ctypes.c_int, ctypes.c_void_p
+        begins = ctypes.CFUNCTYPE(integer, pointer, integer, self.handle, integer, integer, self.handle, pointer)
+        waits = ctypes.CFUNCTYPE(integer, integer, pointer, pointer)
+        tests = ctypes.CFUNCTYPE(integer, integer, pointer, ctypes.POINTER(integer), pointer)
         self.kept = begins(self.send), begins(self.receive), waits(self.wait), tests(self.test)
-        functions = tuple(ctypes.cast(one, ctypes.c_void_p).value for one in self.kept)
+        functions = tuple(ctypes.cast(function, ctypes.c_void_p).value for function in self.kept)
         self.link = Link(functions, self.communicator, self.kind, wide, 0)
 
-    def begin(self, kind, other, communicator, request):
-        assert (kind, other, communicator) == (self.kind, 1, self.communicator)
+    def begin(self, datatype, rank, communicator, request):
+        assert (datatype, rank, communicator) == (self.kind, 1, self.communicator)
         self.requests += 1
         self.handle.from_address(request).value = self.requests
 
-    def send(self, buffer, count, kind, to, tag, communicator, request):
-        self.begin(kind, to, communicator, request)
+    def send(self, buffer, count, datatype, to, tag, communicator, request):
+        self.begin(datatype, to, communicator, request)
         assert tag not in self.sent
         self.sent[tag] = ctypes.string_at(buffer, count)
         self.calls.append("send")
         return 0
 
-    def receive(self, buffer, count, kind, source, tag, communicator, request):
-        self.begin(kind, source, communicator, request)
+    def receive(self, buffer, count, datatype, source, tag, communicator, request):
+        self.begin(datatype, source, communicator, request)
         self.expected[tag] = buffer, count
         self.calls.append("receive")
         return 0
@@ -81,8 +81,8 @@ class Mailbox:
         return 0
 
     def wait(self, count, requests, statuses):
-        found = list((self.handle * count).from_address(requests))
-        assert found == list(range(found[0], found[0] + count)) and found[-1] <= self.requests
+        handles = list((self.handle * count).from_address(requests))
+        assert handles == list(range(handles[0], handles[0] + count)) and handles[-1] <= self.requests
         ctypes.memset(statuses, 0, 64 * count)
         self.seen.append(self.look())
         for tag in list(self.expected)[: count // 2]:  # those that were begun first
@@ -122,22 +122,22 @@ def test_rows_that_need_no_halo_are_swept_while_messages_travel(dim, real):
     halo have their new values, and the others do not.
     """
     mailbox = Mailbox()
-    plain, other = waves(dim, dtype=real), connected(waves(dim, dtype=real), mailbox)
-    mailbox.look = other.engine.levels.copy
-    (low, high), nodes = other.engine.tables.free.tolist(), other.engine.layout.box.nodes
+    plain, exchanged = waves(dim, dtype=real), connected(waves(dim, dtype=real), mailbox)
+    mailbox.look = exchanged.engine.levels.copy
+    (low, high), nodes = exchanged.engine.tables.free.tolist(), exchanged.engine.layout.box.nodes
     assert (low, high) == (([0, 2], [1, 51]) if dim == 2 else ([2, 2], [51, 39]))
-    free, every = places_of(other, (*low, 0), (*high, nodes[2])), places_of(other, (0, 0, 0), nodes)
-    late = np.setdiff1d(every, free)
-    for sim in (plain, other):
+    free, nodes_of_box = places_of(exchanged, (*low, 0), (*high, nodes[2])), places_of(exchanged, (0, 0, 0), nodes)
+    late = np.setdiff1d(nodes_of_box, free)
+    for sim in (plain, exchanged):
         sim.step(2)  # from rest the first step returns to the level before it
     for _ in range(3):
         mailbox.seen.clear()
         plain.step(1)
-        other.step(1)
-        np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
+        exchanged.step(1)
+        np.testing.assert_array_equal(exchanged.fields["u"], plain.fields["u"])
         new = plain.engine.current
         # the share of these rows that are swept at each wait of this step, one wait per axis
-        done = [max((level[free] == new[free]).mean() for level in found) for found in mailbox.seen]
+        done = [max((level[free] == new[free]).mean() for level in levels) for levels in mailbox.seen]
         assert len(done) == dim and done[0] < 0.05 and done[-1] == 1 and (dim == 2 or 0.3 < done[1] < 0.7), done
         assert max((level[late] == new[late]).mean() for level in mailbox.seen[-1]) < 0.05
 
@@ -151,9 +151,9 @@ def test_calls_of_mpi(wide):
     sim = connected(waves(2), mailbox)
     mailbox.calls.clear()
     sim.engine.advance_alone(1)
-    told = "".join(call[0] for call in mailbox.calls)
-    last, other, rest = told.split("w")
-    assert last == "rrss" and other.rstrip("t") == "rrss" and other.count("t") >= 2, told
+    calls = "".join(call[0] for call in mailbox.calls)
+    last, second, rest = calls.split("w")
+    assert last == "rrss" and second.rstrip("t") == "rrss" and second.count("t") >= 2, calls
     assert not rest and not mailbox.sent and not mailbox.expected
 
 
@@ -183,25 +183,25 @@ def dissolving_across():
 def test_parts_with_a_law_of_their_own_are_swept_whole(make):
     """Fields agree bitwise, and some of the nodes are swept while messages travel."""
     mailbox = Mailbox()
-    plain, other = make(), make()
-    connected(other, mailbox)
+    plain, exchanged = make(), make()
+    connected(exchanged, mailbox)
     if make is not breaking:
-        other.parts.phases.start()
-    mailbox.look = other.engine.levels.copy
-    every, ahead = places_of(other, (0, 0, 0), other.engine.layout.box.nodes).ravel(), 0.0
+        exchanged.parts.phases.start()
+    mailbox.look = exchanged.engine.levels.copy
+    nodes, ahead = places_of(exchanged, (0, 0, 0), exchanged.engine.layout.box.nodes).ravel(), 0.0
     for _ in range(60):
         mailbox.seen.clear()
         old = plain.engine.current.copy()
         plain.step(1)
-        other.step(1)
+        exchanged.step(1)
         new = plain.engine.current
-        moved = every[new[every] != old[every]]
+        moved = nodes[new[nodes] != old[nodes]]
         same = [(level[moved] == new[moved]).sum() for level in mailbox.seen[-1]]
         ahead = max(ahead, max(same) / max(len(moved), 1))
     for name, values in plain.fields.items():
-        np.testing.assert_array_equal(other.fields[name], values)
+        np.testing.assert_array_equal(exchanged.fields[name], values)
     if make is breaking:
-        assert plain.broken_bonds == other.broken_bonds > 100
+        assert plain.broken_bonds == exchanged.broken_bonds > 100
     assert (ahead > 0.3) == (make is not dissolving_across)
 
 
@@ -212,11 +212,11 @@ def test_threads_share_what_is_swept_ahead():
     sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=4)}
     given = lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": u * (np.indices(u.shape)[1] % 300 > 20)}
     mailbox = Mailbox()
-    plain, other = fh.Simulation(*given, threads=1), connected(fh.Simulation(*given, threads=2), mailbox)
-    assert other.engine.threads == 2 and other.engine.tables.free.any()
-    for sim in (plain, other):
+    plain, exchanged = fh.Simulation(*given, threads=1), connected(fh.Simulation(*given, threads=2), mailbox)
+    assert exchanged.engine.threads == 2 and exchanged.engine.tables.free.any()
+    for sim in (plain, exchanged):
         sim.step(25)
-    np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
+    np.testing.assert_array_equal(exchanged.fields["u"], plain.fields["u"])
     assert mailbox.calls.count("wait") == 2 * 25  # those of the field, and of the contributions of the layers
 
 
@@ -237,11 +237,11 @@ def test_boxes_without_a_row_to_spare():
 @pytest.mark.parametrize("more", [{}, {"dtype": "float32"}], ids=str)
 def test_messages_to_itself_are_periodic_sides(more, mailbox):
     """Fields agree bitwise, and so do energies."""
-    plain, other = periodic(**more), connected(periodic(**more), mailbox)
-    for sim in (plain, other):
+    plain, exchanged = periodic(**more), connected(periodic(**more), mailbox)
+    for sim in (plain, exchanged):
         sim.step(60)
-    np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
-    assert other.energy() == plain.energy() and np.abs(plain.fields["u"]).max() > 1e-3
+    np.testing.assert_array_equal(exchanged.fields["u"], plain.fields["u"])
+    assert exchanged.energy() == plain.energy() and np.abs(plain.fields["u"]).max() > 1e-3
 
 
 @pytest.mark.parametrize("model", [{}, {"integrator": fh.RungeKuttaChebyshev(3)}], ids=str)
@@ -257,39 +257,39 @@ def test_metal_dissolves_beyond_a_side_as_before_it(model):
         corrodes = fh.Corrosion(fh.Kernel(2.0), saturation=0.8, **model)
         return fh.Simulation(lattice, corrodes, sides, specimens=[disc], threads=1)
 
-    plain, other = corrosion(), connected(corrosion())
-    other.parts.phases.start()
-    assert len(other.engine.tables.phases.halo) > 10
-    for sim in (plain, other):
+    plain, exchanged = corrosion(), connected(corrosion())
+    exchanged.parts.phases.start()
+    assert len(exchanged.engine.tables.phases.halo) > 10
+    for sim in (plain, exchanged):
         sim.step(150)
         assert (sim.engine.tables.material.coefficient[sim.engine.tables.phases.halo[:, 0]] > 0).all()
     for name, values in plain.fields.items():
-        np.testing.assert_array_equal(other.fields[name], values)
+        np.testing.assert_array_equal(exchanged.fields[name], values)
     assert np.nanmax(plain.fields["dissolved"]) > 0 and plain.fields["solid"].sum() < 40
 
 
 @pytest.mark.slow
 def test_in_space_and_with_states():
     """The slots of layers and the states of two passes are exchanged, too."""
-    plain, other = periodic(3), periodic(3)
+    plain, exchanged = periodic(3), periodic(3)
     model = fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="state-based")
     lattice = fh.Lattice(1.0, (0, 0, 0), (9, 10, 11))
     start = {"u": ["exp(-x)", 0.0, "exp(-y)"]}
     pair = [fh.Simulation(lattice, model, fh.Periodic(), start, threads=1) for _ in range(2)]
     boxes = Mailbox(), Mailbox()
-    other, pair[1] = connected(other, boxes[0]), connected(pair[1], boxes[1])
-    for one, two in ((plain, other), pair):
-        one.step(40)
-        two.step(40)
-        np.testing.assert_array_equal(two.fields["u"], one.fields["u"])
+    exchanged, pair[1] = connected(exchanged, boxes[0]), connected(pair[1], boxes[1])
+    for first, second in ((plain, exchanged), pair):
+        first.step(40)
+        second.step(40)
+        np.testing.assert_array_equal(second.fields["u"], first.fields["u"])
 
 
 def test_the_interpreter_does_the_same():
-    plain, other = connected(periodic()), connected(periodic())
-    Interpreter(other.engine)
-    for sim in (plain, other):
+    plain, interpreted = connected(periodic()), connected(periodic())
+    Interpreter(interpreted.engine)
+    for sim in (plain, interpreted):
         sim.step(12)
-    np.testing.assert_allclose(other.fields["u"], plain.fields["u"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(interpreted.fields["u"], plain.fields["u"], rtol=0, atol=1e-12)
 
 
 def test_whom_messages_go_to():

@@ -58,8 +58,8 @@ def filter_matrix(nodes, shape, periodic=False, walls=None, cuts=()):
             filtered += np.where(line[:, None] == line, across[nodes[:, axis][:, None], nodes[:, axis]], 0.0)
             continue
         images = shape[1] * np.arange(-5, 6) if periodic and axis == 4 - dim else (0,)  # all images within reach
-        found = sum(taps[np.minimum(np.abs(gap + turn), 99)] for turn in images)
-        filtered += np.where(line[:, None] == line, found, 0.0)
+        weight = sum(taps[np.minimum(np.abs(gap + turn), 99)] for turn in images)
+        filtered += np.where(line[:, None] == line, weight, 0.0)
     return filtered
 
 
@@ -95,12 +95,12 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, ev
             given.pop("y", None)
             given[key] = wall()
     sim, bare = simulation(sides, shape, threads=threads), simulation(plain, shape)
-    state, other = State(sim.engine), State(bare.engine)
+    state, bare_state = State(sim.engine), State(bare.engine)
     start = np.random.default_rng(0).standard_normal(state.size)
     state.after(start, every)
     table, depth = natural(bare.engine)
     at = table[:, 3]
-    other.write(start)
+    bare_state.write(start)
     bare.engine.advance_alone(every - 1)
     old = bare.engine.current[at].copy()
     bare.engine.advance_alone(1)
@@ -147,11 +147,11 @@ def test_lines_of_the_filter_end_at_cracks(shape, walls, cuts, threads, whole):
         for i in cuts
     ]
     sim, bare = simulation(sides, shape, threads=threads, cracks=cracks), simulation(plain, shape, cracks=cracks)
-    state, other = State(sim.engine), State(bare.engine)
+    state, bare_state = State(sim.engine), State(bare.engine)
     start = np.random.default_rng(0).standard_normal(state.size)
     table, depth = natural(bare.engine)
     at = table[:, 3]
-    other.write(start)
+    bare_state.write(start)
     old = bare.engine.current[at].copy()
     bare.engine.advance_alone(1)
     undamped = bare.engine.current[at]
@@ -173,10 +173,10 @@ def test_single_precision():
 
 def test_line_damping_is_the_strip_of_it():
     """For a wave along the side the filter along it is a number."""
-    found = line_damping(RATE, TAPS, 0.3, np.array([np.pi]))
+    damping = line_damping(RATE, TAPS, 0.3, np.array([np.pi]))
     strength = np.sqrt(-np.expm1(-2 * RATE * 0.3) / 2)
     lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths, except for the factor 1/2 of two axes
-    assert np.abs(found - (lone / 2 + np.diag(strength**2 * FILTER.passed(np.pi)))).max() <= 1e-15
+    assert np.abs(damping - (lone / 2 + np.diag(strength**2 * FILTER.passed(np.pi)))).max() <= 1e-15
 
 
 @pytest.mark.parametrize("whole", [False, True])
@@ -197,11 +197,11 @@ def test_strips_know_the_filter(components, whole):
     random = np.random.default_rng(0)
     start = random.standard_normal(len(place)) + 1j * random.standard_normal(len(place))
     phase = np.exp(1j * number * np.arange(rows))
-    whole = np.zeros(state.size, complex)
-    whole[place] = start[:, None] * phase
-    found = state.after(whole, 3)[place]
+    before = np.zeros(state.size, complex)
+    before[place] = start[:, None] * phase
+    after = state.after(before, 3)[place]
     expected = np.linalg.matrix_power(strip.matrix(number), 3) @ start
-    assert np.abs(found - expected[:, None] * phase).max() <= 1e-13 * np.abs(expected).max()
+    assert np.abs(after - expected[:, None] * phase).max() <= 1e-13 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("blocked", [False, True])

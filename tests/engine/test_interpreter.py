@@ -321,24 +321,24 @@ def test_both_compute_the_same(make):
     Interpreter(plain.engine)
     for sim in (compiled, plain):
         sim.step(13)
-    one, two = compiled.engine, plain.engine
-    assert np.abs(one.current).max() > 1e-6
-    for a, b in ((one.current, two.current), (one.older, two.older)):
-        np.testing.assert_allclose(one.core.view(b), one.core.view(a), rtol=0, atol=1e-12 * np.abs(a).max())
-    np.testing.assert_allclose(two.flows.sum(0), one.flows.sum(0), rtol=1e-10, atol=1e-13)
-    np.testing.assert_array_equal(two.tables.bonds.alive, one.tables.bonds.alive)
+    loop, interpreter = compiled.engine, plain.engine
+    assert np.abs(loop.current).max() > 1e-6
+    for a, b in ((loop.current, interpreter.current), (loop.older, interpreter.older)):
+        np.testing.assert_allclose(loop.core.view(b), loop.core.view(a), rtol=0, atol=1e-12 * np.abs(a).max())
+    np.testing.assert_allclose(interpreter.flows.sum(0), loop.flows.sum(0), rtol=1e-10, atol=1e-13)
+    np.testing.assert_array_equal(interpreter.tables.bonds.alive, loop.tables.bonds.alive)
     np.testing.assert_allclose(
-        two.tables.bonds.residual_stiffness, one.tables.bonds.residual_stiffness, rtol=0, atol=1e-10
+        interpreter.tables.bonds.residual_stiffness, loop.tables.bonds.residual_stiffness, rtol=0, atol=1e-10
     )
-    assert one.bonds.softening is None or (one.tables.bonds.residual_stiffness < 1).sum() > 20
-    for mine, other in zip(compiled.recorders, plain.recorders, strict=True):
-        for name, values in mine.data.items():
-            np.testing.assert_allclose(other.data[name], values, rtol=0, atol=1e-12 * np.abs(values).max())
-    assert two.work == pytest.approx(one.work, rel=1e-10, abs=1e-18)
-    assert two.dragged == pytest.approx(one.dragged, rel=1e-10, abs=1e-18)
-    if one.bonds:
-        assert one.bonds.broken[1] == two.bonds.broken[1]
-        assert two.bonds.broken[0] == pytest.approx(one.bonds.broken[0], rel=1e-10)
+    assert loop.bonds.softening is None or (loop.tables.bonds.residual_stiffness < 1).sum() > 20
+    for recorder, second in zip(compiled.recorders, plain.recorders, strict=True):
+        for name, values in recorder.data.items():
+            np.testing.assert_allclose(second.data[name], values, rtol=0, atol=1e-12 * np.abs(values).max())
+    assert interpreter.work == pytest.approx(loop.work, rel=1e-10, abs=1e-18)
+    assert interpreter.dragged == pytest.approx(loop.dragged, rel=1e-10, abs=1e-18)
+    if loop.bonds:
+        assert loop.bonds.broken[1] == interpreter.bonds.broken[1]
+        assert interpreter.bonds.broken[0] == pytest.approx(loop.bonds.broken[0], rel=1e-10)
 
 
 def test_corrosion():

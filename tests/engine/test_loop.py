@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.engine import loop
 from farhorizon.engine import operations as op
-from farhorizon.engine.rows.build import load_program
+from farhorizon.engine.rows.build import load_program, load_sweep_program
 from helpers import lattice_of
 
 WAVE = fh.Wave(fh.Kernel(2.0))
@@ -28,7 +28,8 @@ RUNS = {
 
 def test_every_operation_has_a_function():
     """Operations on layers may have several functions."""
-    assert set(load_program().OPERATIONS) | {op.LINES, op.STRETCH, op.FLOW_LAYERS} == set(range(op.MOVED + 1))
+    done = set(load_program().OPERATIONS) | set(load_sweep_program().OPERATIONS)
+    assert done | {op.LINES, op.STRETCH, op.FLOW_LAYERS} == set(range(op.KEEP_INCREMENTS + 1))
 
 
 @pytest.mark.parametrize(("shape", "model", "side", "found"), RUNS.values(), ids=RUNS)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.media import media_of
-from farhorizon.engine.tables import one_medium
+from farhorizon.engine.tables import Media
 from farhorizon.medium.integrators import Euler, RungeKutta4, Verlet
 from helpers import check_apply, kernel_stencil, periodic_engine
 
@@ -20,14 +21,14 @@ def blocks(random, shape):
     """Strata, boxes of other media, and some nodes with values of their own."""
     axis = int(random.integers(len(shape)))
     edges = random.integers(0, shape[axis], 2)
-    found = np.ones(shape)
-    found[(slice(None),) * axis + (slice(*sorted(edges)),)] = 2.5
+    coefficients = np.ones(shape)
+    coefficients[(slice(None),) * axis + (slice(*sorted(edges)),)] = 2.5
     for _ in range(3):
         first = [int(random.integers(n)) for n in shape]
-        found[tuple(slice(a, a + int(random.integers(2, 9))) for a in first)] = random.choice([0.4, 1.0, 3.0])
+        coefficients[tuple(slice(a, a + int(random.integers(2, 9))) for a in first)] = random.choice([0.4, 1.0, 3.0])
     alone = tuple(random.integers(n, size=2) for n in shape)
-    found[alone] = random.uniform(0.5, 2, 2)
-    return found
+    coefficients[alone] = random.uniform(0.5, 2, 2)
+    return coefficients
 
 
 @pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
@@ -105,7 +106,7 @@ def test_runs_are_those_of_bonds_one_by_one(model, dim, boundary):
         sim = fh.Simulation(lattice, made, sides, {"u": given}, cracks=cracks, threads=1, **varied)
         assert sim.engine.tables.media.function != 0
         if alone:
-            sim.engine.replace(media=one_medium(sim.engine.dtype))
+            sim.engine.replace(media=with_defaults(Media, sim.engine.dtype))
         sim.step(30)
         runs.append(sim.fields["u"])
     assert np.abs(runs[0] - runs[1]).max() <= 1e-12 * np.abs(runs[1]).max()

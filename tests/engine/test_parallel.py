@@ -13,9 +13,9 @@ def test_results_come_in_the_order_of_the_parts_and_from_as_many_threads_as_are_
         together.wait(30)  # none returns before the other has begun
         return number**2, threading.get_ident()
 
-    found = in_parallel(square, [3, 2])
-    assert [value for value, _ in found] == [9, 4]
-    assert len({thread for _, thread in found}) == min(2, available_threads())
+    results = in_parallel(square, [3, 2])
+    assert [value for value, _ in results] == [9, 4]
+    assert len({thread for _, thread in results}) == min(2, available_threads())
     with at_most(1):
         assert in_parallel(lambda part: threading.get_ident(), [1, 2, 3]) == [threading.get_ident()] * 3
 

@@ -17,9 +17,12 @@ from farhorizon.case.keys import all_keys, explain_keys
 from farhorizon.simulation.recorders.recorder import Recorder
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
-SECTION = PAGE[PAGE.index("## A shape, a load") :]
-CLASSES = "\n".join(re.findall(r"```python\n(.*?)```", SECTION, re.S)[:2])
-CASE = re.search(r"```toml\n(.*?)```", SECTION, re.S).group(1)
+SHAPE, RECORDER = (
+    PAGE[PAGE.index(heading) : PAGE.index("\n## ", PAGE.index(heading) + 1)]
+    for heading in ("## A shape of your own", "## A recorder of your own")
+)
+CLASSES = "\n".join(re.findall(r"```python\n(.*?)```", SHAPE + RECORDER, re.S))
+CASE = re.search(r"## In a case file\n.*?```toml\n(.*?)```", PAGE, re.S).group(1)
 FAMILIES = (fh.Shape, fh.Load, fh.Signal, fh.LatticeModel, fh.Side, Recorder)
 
 
@@ -75,8 +78,9 @@ def test_a_recorder_of_other_sums(page, tmp_path):
     sim.step(37)
     np.testing.assert_array_equal(again.data["momentum"], momentum)
     case = Case(CASE + "momentum = [{ region = { disc = { radius = 7.0 } }, every = 2 }]\n")
-    [_, from_case] = case.simulation().run(0.1, progress=False).recorders
-    assert isinstance(from_case, page.Momentum) and from_case.data["momentum"].shape[1:] == (1, 2)
+    recorders = case.simulation().run(0.1, progress=False).recorders
+    [from_case] = [recorder for recorder in recorders if isinstance(recorder, page.Momentum)]
+    assert from_case.data["momentum"].shape[1:] == (1, 2)
 
 
 @pytest.mark.parametrize(

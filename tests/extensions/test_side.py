@@ -32,7 +32,7 @@ def sponge():
     """The class, registered during a test; `__name__` is set so that its annotations can be evaluated."""
     module = {"__name__": __name__}
     before = dict(Side.known)
-    exec(re.search(r"```python\n(.*?)```", PAGE, re.S).group(1), module)
+    exec(re.search(r"## A side of your own\n.*?```python\n(.*?)```", PAGE, re.S).group(1), module)
     yield module["PowerSponge"]
     Side.known.clear()
     Side.known.update(before)

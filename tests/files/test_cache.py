@@ -72,6 +72,19 @@ def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monk
     assert executed(path).double((5, 6)) == 5
 
 
+def test_machine_code_of_fields_in_another_order_is_compiled_again(tmp_path, monkeypatch):
+    """Their types are the same, and the class has the same name."""
+    path = tmp_path / "compiled_in_order.py"
+    path.write_text(MODULE.replace("2 * x", "x[1].a"))
+    for fields, expected in (("a b", 0), ("a b", 1), ("b a", 0), ("b a", 1)):
+        module = ModuleType("types_of_pairs")
+        module.Pair = namedtuple("Pair", fields, module="types_of_pairs")
+        monkeypatch.setitem(sys.modules, "types_of_pairs", module)
+        double = executed(path).double
+        assert double((0, module.Pair(a=3, b=4))) == 3
+        assert sum(double.stats.cache_hits.values()) == expected
+
+
 #: Waits as if the function took long to compile, and reports that it was compiled.
 SLOWLY = """
 import sys, time

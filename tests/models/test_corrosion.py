@@ -10,7 +10,7 @@ from scipy.special import erfc
 import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.engine.phases import count_solid
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
+from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.studies.compare import compare
 from helpers import kernel_stencil, lattice_of
 

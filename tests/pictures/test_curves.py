@@ -7,6 +7,7 @@ from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
 from farhorizon.pictures import curves as drawing
 from farhorizon.pictures import fields as fields_module
+from farhorizon.pictures.panels import Panel
 
 
 def test_neighbouring_curves_differ_in_colour_and_dashes(tmp_path, monkeypatch):
@@ -18,7 +19,7 @@ def test_neighbouring_curves_differ_in_colour_and_dashes(tmp_path, monkeypatch):
     original = Axes.plot
     monkeypatch.setattr(Axes, "plot", lambda *a, **k: lines.extend(drawn := original(*a, **k)) or drawn)
     axes = axes_of(1)
-    fields_module.field_panels([(f"{k}", wave(axes, k)) for k in range(4)], axes, tmp_path / "u.png")
+    fields_module.field_panels([Panel(f"{k}", wave(axes, k)) for k in range(4)], axes, tmp_path / "u.png")
     assert len({line.get_color() for line in lines}) == len({line.get_linestyle() for line in lines}) == 4
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from farhorizon.pictures.deformed import chosen_factor, deformed_cells, deformed_panels
+from farhorizon.pictures.panels import Look, Panel
 
 AXES = [0.5 * np.arange(7), 0.5 * np.arange(5)]
 AT = np.stack(np.meshgrid(*AXES, indexing="ij"))
@@ -35,7 +36,7 @@ def test_a_crack_opens_between_cells():
 
 
 def test_no_seams_between_cells_and_a_label_at_the_colours():
-    figure = deformed_panels([("t = 1", 0.1 * AT, AT[0])], AXES, None, factor=2.0, label="|u| (mm)")
+    figure = deformed_panels([Panel("t = 1", AT[0], moves=0.1 * AT)], AXES, None, Look("|u| (mm)"), factor=2.0)
     panel, bar = figure.axes
     (cells,) = panel.collections
     assert not cells.get_antialiased().any() and bar.get_ylabel() == "|u| (mm)"

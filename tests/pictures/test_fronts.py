@@ -6,6 +6,7 @@ import pytest
 from drawn import axes_of, is_picture
 from farhorizon.errors import InputError
 from farhorizon.pictures import fronts
+from farhorizon.pictures.panels import Look
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -16,7 +17,7 @@ def test_front(tmp_path, dim):
     dissolved = np.where(radius > 0.8, 0.0, np.where(radius < 0.3, np.nan, 1 - radius))
     outside = radius > 1.2
     film = [np.array([[-0.5] * dim, [0.5] * dim])]
-    fronts.front(np.where(outside, np.nan, dissolved), axes, tmp_path / "a.png", outside=outside, cracks=film)
+    fronts.front(np.where(outside, np.nan, dissolved), axes, tmp_path / "a.png", Look(cracks=film), outside)
     fronts.front(np.zeros(dissolved.shape), axes, tmp_path / "b.png")
     assert is_picture(tmp_path / "a.png") and is_picture(tmp_path / "b.png")
     with pytest.raises(InputError, match="two or three axes"):

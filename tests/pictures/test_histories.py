@@ -40,10 +40,10 @@ def test_tips_that_are_seen_for_a_moment_are_left_out_and_counted(tmp_path, monk
     seen = drawn(monkeypatch, "lines")
     made = plot_results(recorded(tmp_path / "a.h5", tips, units={"length": "mm", "time": "us"}), tmp_path)
     assert [path.stem for path in made] == ["tips_position_x", "tips_position_y", "tips_advance"]
-    for (curves, _), named in seen:
+    for (curves, _, frame), _ in seen:
         assert [name for name, _, _ in curves] == ["tip 1", "tip 2"]
-        assert named["title"] == "without 2 seen for a moment" and named["xlabel"] == "t (\N{MICRO SIGN}s)"
-    assert [named["ylabel"] for _, named in seen] == ["position $x$ (mm)", "position $y$ (mm)", "advance (mm)"]
+        assert frame.title == "without 2 seen for a moment" and frame.xlabel == "t (\N{MICRO SIGN}s)"
+    assert [given[2].ylabel for given, _ in seen] == ["position $x$ (mm)", "position $y$ (mm)", "advance (mm)"]
 
 
 def test_power_is_named_by_its_surface(tmp_path, monkeypatch):
@@ -61,8 +61,8 @@ def test_power_is_named_by_its_surface(tmp_path, monkeypatch):
     assert made.stat().st_size and spectrum.stat().st_size
     over = drawn(monkeypatch, "spectrum_picture")
     plot_results(new, tmp_path)
-    ((curves, _), named), *_ = seen
-    assert tuple(name for name, _, _ in curves) == names and named["ylabel"] == "power (W/m)"
+    ((curves, _, frame), _), *_ = seen
+    assert tuple(name for name, _, _ in curves) == names and frame.ylabel == "power (W/m)"
     assert over[0][1] == {"label": "energy", "measured": "energy", "labels": names}
     assert [path.name for path in plot_results(old, tmp_path)] == ["power_power.png", "power_energy.png"]
 
@@ -72,7 +72,7 @@ def test_one_surface_stands_in_the_title(tmp_path, monkeypatch):
     power = Recorded("power", np.zeros((1, 2)), TIMES, {"power": np.ones((100, 1))}, labels=("plane x = 2.5",))
     seen = drawn(monkeypatch, "lines")
     plot_results(recorded(tmp_path / "a.h5", power), tmp_path)
-    assert seen[0][1]["title"] == "plane x = 2.5"
+    assert seen[0][0][2].title == "plane x = 2.5"
 
 
 def test_tips_of_no_crack_have_no_picture(tmp_path):
@@ -102,9 +102,9 @@ def test_energies_and_balances_have_units(tmp_path, monkeypatch):
         writer.append(k, float(k), {"u": np.zeros(5)}, 1.0 + k / 1e9, {"kinetic": 1.0, "work": 0.0})
     seen = drawn(monkeypatch, "lines")
     plot_results(open_results(tmp_path / "a.h5"), tmp_path, View(quantities={"energy": "stored energy"}))
-    (_, energy), (_, balance) = seen
-    assert energy["ylabel"] == "stored energy (J)" and balance["ylabel"] == "energy (J)"
-    low, high = energy["limits"]
+    energy, balance = (given[2] for given, _ in seen)
+    assert energy.ylabel == "stored energy (J)" and balance.ylabel == "energy (J)"
+    low, high = energy.limits
     assert low == 0 and high > 1  # rounding errors do not count as a change
 
 
@@ -140,7 +140,7 @@ def test_energy_scale(tmp_path, monkeypatch, energy, log):
     for k, value in enumerate(energy):
         writer.append(k, float(k), {name: np.zeros(11) for name in ("u", "v")}, value)
     seen = {}
-    monkeypatch.setattr(histories, "lines", lambda _curves, path, **names: seen.update({path.name: names["log"]}))
+    monkeypatch.setattr(histories, "lines", lambda _curves, path, frame: seen.update({path.name: frame.log}))
     plot_results(open_results(tmp_path / "a.h5"), tmp_path)
     assert seen == {"energy.png": log}
 

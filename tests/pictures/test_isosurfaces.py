@@ -10,6 +10,7 @@ from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.isosurfaces import chosen_levels, isosurface, isosurface_panels
+from farhorizon.pictures.panels import Look, Panel
 from farhorizon.pictures.views import View
 
 AXES = [np.linspace(-2, 2, 41), np.linspace(-3, 1, 41), np.linspace(0, 4, 41)]
@@ -44,9 +45,9 @@ def test_outside_a_window_there_is_no_surface():
 def test_a_value_that_there_is_not_has_no_surface():
     assert isosurface(DISTANCE, AXES, 9.0).shape == (0, 3, 3)
     with pytest.raises(InputError, match="--isosurfaces: the field has this value nowhere; value: 9"):
-        isosurface_panels([("", DISTANCE)], AXES, None, levels=[9.0])
+        isosurface_panels([Panel("", DISTANCE)], AXES, None, levels=[9.0])
     with pytest.raises(InputError, match="--isosurfaces: only a field in 3D has isosurfaces; value: 2D"):
-        isosurface_panels([("", DISTANCE[0])], AXES[1:], None)
+        isosurface_panels([Panel("", DISTANCE[0])], AXES[1:], None)
 
 
 def test_levels_are_shares_of_the_largest_value_on_both_sides_of_zero():
@@ -81,7 +82,7 @@ def test_titles_are_whole_and_the_legend_has_what_is_seen():
     bell = np.exp(-3 * (x**2 + y**2 + z**2))
     for title in ("", "displacement u"):
         figure = isosurface_panels(
-            [("t = 0", bell), ("t = 1", 0.1 * bell)], axes, None, levels=[0.5, 0.05], title=title
+            [Panel("t = 0", bell), Panel("t = 1", 0.1 * bell)], axes, None, Look(title=title), [0.5, 0.05]
         )
         figure.savefig(io.BytesIO())
         for panel in figure.axes:
@@ -89,9 +90,11 @@ def test_titles_are_whole_and_the_legend_has_what_is_seen():
             assert 0 < box.y0 and box.y1 < figure.bbox.height
         (legend,) = figure.legends
         assert len(legend.get_texts()) == 2
-    figure = isosurface_panels([("t = 0", bell), ("t = 1", 0.3 * bell)], axes, None)  # comparable: levels of all panels
+    figure = isosurface_panels(
+        [Panel("t = 0", bell), Panel("t = 1", 0.3 * bell)], axes, None
+    )  # comparable: levels of all panels
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["u = 0.2", "u = 0.5"]
-    figure = isosurface_panels([("t = 0", bell - 0.25)], axes, None)  # also below zero, but less far
+    figure = isosurface_panels([Panel("t = 0", bell - 0.25)], axes, None)  # also below zero, but less far
     levels = [float(text.get_text().removeprefix("u = ")) for text in figure.legends[0].get_texts()]
     np.testing.assert_allclose(levels, [-0.15, 0.15, 0.375])
 
@@ -101,7 +104,8 @@ def test_panels_that_are_not_comparable_have_levels_of_their_own():
     axes = [np.linspace(-1.0, 1.0, 9)] * 3
     x, y, z = np.meshgrid(*axes, indexing="ij")
     bell = np.exp(-3 * (x**2 + y**2 + z**2))
-    figure = isosurface_panels([("t = 0", bell), ("t = 1", 0.01 * bell), ("", 0 * bell)], axes, None, title="whole")
+    panels = [Panel("t = 0", bell), Panel("t = 1", 0.01 * bell), Panel("", 0 * bell)]
+    figure = isosurface_panels(panels, axes, None, Look(title="whole"))
     figure.savefig(io.BytesIO())
     heads = [panel.get_title() for panel in figure.axes]
     assert heads == ["t = 0\nsurfaces at 0.2, 0.5", "t = 1\nsurfaces at 0.002, 0.005", ""]
@@ -111,5 +115,5 @@ def test_panels_that_are_not_comparable_have_levels_of_their_own():
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["0.2", "0.5"]
     assert legend.get_title().get_text() == "u over the largest magnitude of its panel"
-    given = isosurface_panels([("t = 0", bell), ("t = 1", 0.01 * bell)], axes, None, levels=[0.3])
+    given = isosurface_panels(panels[:2], axes, None, levels=[0.3])
     assert [panel.get_title() for panel in given.axes] == ["t = 0", "t = 1"]

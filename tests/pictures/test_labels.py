@@ -92,8 +92,9 @@ def test_damage_is_drawn_as_elsewhere(tmp_path, monkeypatch):
 
 def test_closures_are_called_by_words(tmp_path, monkeypatch):
     seen = []
-    for module, name in ((curves, "error_history"), (fields, "field_panels"), (fields, "gradient_panels")):
-        monkeypatch.setattr(module, name, lambda given, *_, **__: seen.extend(dict(given)))
+    monkeypatch.setattr(curves, "error_history", lambda given, *_, **__: seen.extend(given))
+    for name in ("field_panels", "gradient_panels"):
+        monkeypatch.setattr(fields, name, lambda panels, *_, **__: seen.extend(panel.title for panel in panels))
     monkeypatch.setattr(fronts, "front", lambda *_, **__: None)
     u, names = np.ones((3, 3)), ("LatticePML", "infinite medium")
     runs = {"LatticePML": SimpleNamespace(lattice=SimpleNamespace(axes=[np.arange(3.0)] * 2))}

@@ -15,6 +15,7 @@ from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import fields, movie
 from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.deformed import deformed_cells
+from farhorizon.pictures.panels import Panel
 from farhorizon.pictures.views import View
 
 SQUARE = {"shape": (9, 9), "spacing": 1.0, "lower": (0.0, 0.0), "dtype": "float64"}
@@ -41,7 +42,7 @@ def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
     """
     seen = []
     monkeypatch.setattr(
-        drawing, "field_panels", lambda _fields, *_args, **names: seen.append((len(_fields), names["shared_scale"]))
+        drawing, "field_panels", lambda panels, _axes, _path, look: seen.append((len(panels), look.shared))
     )
     for run, amplitudes in enumerate(([1.0, 0.5, 0.3], [1.0, 0.01, 0.001], [0.0, 1.0, 0.5], [0.0, 0.0, 0.0])):
         path = tmp_path / f"{run}.h5"
@@ -74,9 +75,7 @@ def test_chosen_times(tmp_path, monkeypatch, times, titles):
     """Up to four evenly spaced outputs are drawn, or the nearest to the requested times, each once."""
     results = write_results(tmp_path / "a.h5", 1)
     seen = []
-    monkeypatch.setattr(
-        drawing, "field_panels", lambda fields, *_args, **_names: seen.append([title for title, _ in fields])
-    )
+    monkeypatch.setattr(drawing, "field_panels", lambda panels, *_: seen.append([panel.title for panel in panels]))
     drawing.plot_results(results, tmp_path, View(times=times))
     assert seen == [titles, titles]
     with pytest.raises(InputError, match="finite"):
@@ -153,7 +152,7 @@ def test_divergence_and_curl_are_those_of_the_displacements(tmp_path, monkeypatc
     )
     writer.append(0, 0.0, {"u": u})
     for name in ("field_panels", "slice_panels"):
-        monkeypatch.setattr(drawing, name, lambda panels, *_, label, **__: seen.update({label: panels[0][1]}))
+        monkeypatch.setattr(drawing, name, lambda panels, _a, _p, look: seen.update({look.label: panels[0].values}))
     drawing.plot_results(open_results(path), tmp_path, View(fields=["u_divergence", "u_curl"]))
     rotation = np.sqrt((y - 3) ** 2 + z[0] ** 2) if z else y - 3
     np.testing.assert_allclose(seen[r"divergence $\nabla \cdot u$"], 3 * x + (x if z else 0), atol=1e-12)
@@ -177,12 +176,12 @@ def test_films_and_surfaces_tell_divergence_and_curl_as_pictures_do(tmp_path, mo
     for k in range(2):
         writer.append(k, float(k), {"u": (1.0 + k) * np.stack(np.indices((6, 6, 6), float))})
 
-    def film(frames, _axes, path, label, **_):
-        seen.append((label, frames[0][0]))
+    def film(frames, _axes, path, look):
+        seen.append((look.label, frames[0].title))
         return [path]
 
-    def surfaces(_fields, _axes, _path, label, title, **_):
-        seen.append((label, title))
+    def surfaces(_panels, _axes, _path, look, _levels):
+        seen.append((look.label, look.title))
         return Figure()
 
     monkeypatch.setattr(drawing, "movie", film)
@@ -197,21 +196,19 @@ def test_films_and_surfaces_tell_divergence_and_curl_as_pictures_do(tmp_path, mo
 @pytest.mark.parametrize("normal", ["x", "y", "z"])
 def test_a_slice_is_that_of_its_plane(tmp_path, monkeypatch, normal):
     """The nearest plane of nodes is drawn on the other two axes with their names; cracks are projected onto it."""
-    seen = {}
-    monkeypatch.setattr(
-        fields, "_images", lambda arrays, *given, **named: seen.update(named, arrays=arrays, given=given)
-    )
+    seen = []
+    monkeypatch.setattr(fields, "_images", lambda *given: seen.append(given))
     results = axes_and_fields(tmp_path / "a.h5", dim=3)
     axis = "xyz".index(normal)
     crack = np.arange(6.0).reshape(2, 3)
     view = View(planes=[(normal, 0.13)], fields=["v"], times=[1.0], cracks=[crack])
     drawing.plot_results(results, tmp_path, view)
     index = int(np.abs(results.axes[axis] - 0.13).argmin())
-    np.testing.assert_array_equal(seen["arrays"][0], results.field("v", 2).take(index, axis))
-    assert seen["names"] == "xyz".replace(normal, "") and f"{normal} = {results.axes[axis][index]:g}" in seen["title"]
-    _, axes, _, (overlay,) = seen["given"]
-    np.testing.assert_array_equal(overlay.cracks[0], np.delete(crack, axis, 1))
-    assert [len(a) for a in axes] == list(seen["arrays"][0].shape)
+    (((panel,), axes, _, look, names),) = seen
+    np.testing.assert_array_equal(panel.values, results.field("v", 2).take(index, axis))
+    assert names == "xyz".replace(normal, "") and f"{normal} = {results.axes[axis][index]:g}" in look.title
+    np.testing.assert_array_equal(look.cracks[0], np.delete(crack, axis, 1))
+    assert [len(a) for a in axes] == list(panel.values.shape)
     with pytest.raises(InputError, match=rf"outside the near field; value: {normal} = 9; limit: -1 to"):
         drawing.plot_results(results, tmp_path, View(planes=[(normal, 9.0)]))
 
@@ -231,11 +228,11 @@ def test_in_space_the_three_planes_through_the_middle_are_in_one_picture(tmp_pat
     crack = np.arange(6.0).reshape(2, 3)
     (made,) = drawing.plot_results(results, tmp_path, View(fields=["u_x"], times=[0.5, 1.0], cracks=[crack]))
     assert made.name == "u_x.png" and is_picture(made)
-    for ((_, array, axes, _, overlay), _), (k, axis) in zip(drawn, itertools.product((1, 2), range(3)), strict=True):
+    for ((_, panel, axes, _, look, _), _), (k, axis) in zip(drawn, itertools.product((1, 2), range(3)), strict=True):
         middle = results.shape[axis] // 2
-        np.testing.assert_array_equal(array, results.field("u", k)[0].take(middle, axis))
-        np.testing.assert_array_equal(overlay.cracks[0], np.delete(crack, axis, 1))
-        assert [len(line) for line in axes] == list(array.shape)
+        np.testing.assert_array_equal(panel.values, results.field("u", k)[0].take(middle, axis))
+        np.testing.assert_array_equal(look.cracks[0], np.delete(crack, axis, 1))
+        assert [len(line) for line in axes] == list(panel.values.shape)
 
 
 def drawing_of(function, seen):
@@ -265,29 +262,30 @@ def test_what_is_broken_and_regions_are_drawn_over_fields(tmp_path, monkeypatch,
     monkeypatch.setattr(fields, "image_of", drawing_of(fields.image_of, drawn))
     made = drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path)
     assert [path.name for path in made] == ["u.png", "damage.png"] and all(map(is_picture, made))
-    overlays = [given[-1] for given, _ in drawn]
-    ours, theirs = overlays[: len(overlays) // 2], overlays[len(overlays) // 2 :]
+    images = [(panel, look, named) for (_, panel, _, _, look, named), _ in drawn]
+    of_u, of_damage = images[: len(images) // 2], images[len(images) // 2 :]
     planes = [(damage, numbers)] if dim == 2 else [(damage.take(5, a), numbers.take(5, a)) for a in range(3)]
-    for overlay, (broken, there) in zip(ours, planes, strict=True):
-        np.testing.assert_array_equal(overlay.broken, broken)
-        np.testing.assert_array_equal(overlay.regions.numbers, there)
-        assert overlay.smooth
-    assert all(overlay.broken is None and not overlay.smooth for overlay in theirs)
-    assert all(overlay.named for overlay in ours)
+    for (panel, look, named), (broken, region) in zip(of_u, planes, strict=True):
+        np.testing.assert_array_equal(panel.broken, broken)
+        np.testing.assert_array_equal(look.regions.numbers, region)
+        assert look.smooth and named
+    assert all(panel.broken is None and not look.smooth for panel, look, _ in of_damage)
 
 
 def test_decibels_are_below_the_largest(tmp_path, monkeypatch):
     seen = {}
-    monkeypatch.setattr(drawing, "field_panels", lambda fields, *_a, **named: seen.update(named, fields=fields))
+    monkeypatch.setattr(
+        drawing, "field_panels", lambda panels, _a, _p, look: seen.update(look._asdict(), panels=panels)
+    )
     results = axes_and_fields(tmp_path / "a.h5")
     drawing.plot_results(results, tmp_path, View(decibels=True, fields=["v"], times=[0.0, 1.5]))
-    found = [values for _, values in seen["fields"]]
+    found = [panel.values for panel in seen["panels"]]
     np.testing.assert_allclose(found[0], 20 * np.log10(1 / 4))
     np.testing.assert_allclose(found[1], 0.0, atol=1e-12)
-    assert seen["limits"] == (-60.0, 0.0) and seen["shared_scale"] and "dB" in seen["label"]
+    assert seen["limits"] == (-60.0, 0.0) and seen["shared"] and "dB" in seen["label"]
     drawing.plot_results(results, tmp_path, View(decibels=True, fields=["u"], limits=(-30, 0)))
-    lowest = min(np.nanmin(values) for _, values in seen["fields"])
-    assert lowest == -30 and all(np.isfinite(values).all() for _, values in seen["fields"])
+    lowest = min(np.nanmin(panel.values) for panel in seen["panels"])
+    assert lowest == -30 and all(np.isfinite(panel.values).all() for panel in seen["panels"])
 
 
 def test_a_deformed_lattice_has_its_nodes_where_they_moved(tmp_path, monkeypatch):
@@ -336,16 +334,17 @@ def test_the_bar_of_a_film_has_the_same_arrows_in_all_frames(monkeypatch, dim):
     field = np.nan_to_num(wave(axes, 0))
     loud = 9 * field
     broken = np.zeros(field.shape)
-    frames, seen = [(f"{k}", one) for k, one in enumerate((loud, field, field))], []
+    frames, seen = [Panel(f"{k}", values) for k, values in enumerate((loud, field, field))], []
     monkeypatch.setattr(movie, "field_panels", drawing_of(movie.field_panels, seen))
     movie.made_film(frames, axes)
-    assert {named["beyond"] for _, named in seen} == {"both"}
-    bars = [movie.field_panels(*given, **named).axes[-1]._colorbar.extend for given, named in seen[:]]
+    assert {look.beyond for (*_, look), _ in seen} == {"both"}
+    bars = [movie.field_panels(*given).axes[-1]._colorbar.extend for given, _ in seen[:]]
     assert bars == ["both"] * 3
     seen.clear()
     broken[np.abs(loud) > np.abs(field).max()] = 1.0
-    movie.made_film(frames, axes, broken=[broken, 0 * broken, 0 * broken])
-    assert {named["beyond"] for _, named in seen} == {"neither"}
+    hidden = (broken, 0 * broken, 0 * broken)
+    movie.made_film([frame._replace(broken=one) for frame, one in zip(frames, hidden, strict=True)], axes)
+    assert {look.beyond for (*_, look), _ in seen} == {"neither"}
 
 
 def test_a_film_of_one_output_is_refused(tmp_path):
@@ -369,11 +368,11 @@ def test_what_makes_a_run_doubtful_is_told_once_beside_its_marks(tmp_path, monke
     for k in range(4):
         writer.append(k, float(k), {"u": np.full((9, 9), 1.0 + k)}, cautions=cautions if k > 1 else ())
     seen = {}
-    monkeypatch.setattr(drawing, "field_panels", lambda fields, *_, title, **__: seen.update({title: fields}))
+    monkeypatch.setattr(drawing, "field_panels", lambda panels, _a, _p, look: seen.update({look.title: panels}))
     drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path)
     ((title, panels),) = seen.items()
     assert title == "* crack where bonds cannot break"
-    assert [name for name, _ in panels] == ["t = 0", "t = 1", "t = 2*", "t = 3*"]
+    assert [panel.title for panel in panels] == ["t = 0", "t = 1", "t = 2*", "t = 3*"]
 
 
 def test_cracks_that_are_drawn_as_lines_are_not_drawn_as_broken_bonds_too(tmp_path, monkeypatch):
@@ -384,7 +383,7 @@ def test_cracks_that_are_drawn_as_lines_are_not_drawn_as_broken_bonds_too(tmp_pa
     for k in range(2):
         writer.append(k, float(k), {"u": np.full((9, 9), 1.0 + k), "damage": damage[k]})
     seen = []
-    monkeypatch.setattr(drawing, "field_panels", lambda *_, broken, **__: seen.append(np.array(broken)))
+    monkeypatch.setattr(drawing, "field_panels", lambda panels, *_: seen.append(np.array([p.broken for p in panels])))
     for cracks in ([], [np.array([[3.5, 4.0], [3.5, 5.0]])]):
         drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path, View(fields=["u"], cracks=cracks))
     np.testing.assert_allclose(seen[0], damage, atol=1e-7)
@@ -392,8 +391,8 @@ def test_cracks_that_are_drawn_as_lines_are_not_drawn_as_broken_bonds_too(tmp_pa
     frames = []
     monkeypatch.setattr(movie, "field_panels", drawing_of(movie.field_panels, frames))
     drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path, View(fields=["u"], cracks=cracks, movie=True))
-    over = [named["broken"] for _, named in frames][:2]  # a film in another format draws them again
-    np.testing.assert_allclose(np.concatenate(over), damage - damage[0], atol=1e-7)
+    over = [panel.broken for ((panel,), *_), _ in frames][:2]  # a film in another format draws them again
+    np.testing.assert_allclose(over, damage - damage[0], atol=1e-7)
 
 
 def test_colours_are_named_in_words_with_units(tmp_path, monkeypatch):
@@ -403,20 +402,20 @@ def test_colours_are_named_in_words_with_units(tmp_path, monkeypatch):
     scalar = np.ones((9, 9))
     writer.append(0, 0.0, {"u": np.ones((2, 9, 9)), **dict.fromkeys(names[1:], scalar)})
     seen = []
-    monkeypatch.setattr(drawing, "field_panels", lambda *_, label, **__: seen.append(label))
+    monkeypatch.setattr(drawing, "field_panels", lambda *given: seen.append(given[3].label))
     results, view = open_results(tmp_path / "a.h5"), {"quantities": {"u": "displacement"}}
     drawing.plot_results(results, tmp_path, View(**view))
     length, x, y = (f"displacement ${one}$ (mm)" for one in ("|u|", "u_{x}", "u_{y}"))
     assert seen == [length, x, y, "von Mises stress (GPa)", r"stress $\sigma_{xy}$ (GPa)", "damage"]
     labels = []
-    monkeypatch.setattr(drawing, "deformed_panels", lambda *_, label, **__: labels.append(label))
+    monkeypatch.setattr(drawing, "deformed_panels", lambda *given: labels.append(given[3].label))
     drawing.plot_results(results, tmp_path, View(deformed=1.0, **view))
     assert labels == ["damage"]
 
 
 def test_the_lengths_that_colour_a_deformed_lattice_have_a_unit(tmp_path, monkeypatch):
     results, labels = axes_and_fields(tmp_path / "a.h5", units={"u": "mm"}), []
-    monkeypatch.setattr(drawing, "deformed_panels", lambda *_, label, **__: labels.append(label))
+    monkeypatch.setattr(drawing, "deformed_panels", lambda *given: labels.append(given[3].label))
     drawing.plot_results(results, tmp_path, View(deformed=1.0, quantities={"u": "displacement"}))
     assert labels == ["displacement $|u|$ (mm)"]
 

@@ -8,6 +8,7 @@ import pytest
 
 from drawn import axes_of, wave
 from farhorizon.pictures import fields, style
+from farhorizon.pictures.panels import Panel
 
 
 def test_a_few_nodes_do_not_dim_the_others():
@@ -52,7 +53,7 @@ def test_pictures_leave_matplotlib_as_it_was(tmp_path):
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    fields.field_panels([("", wave(axes_of(2), 0))], axes_of(2), tmp_path / "u.png")
+    fields.field_panels([Panel("", wave(axes_of(2), 0))], axes_of(2), tmp_path / "u.png")
     assert dict(matplotlib.rcParams) == before
 
 

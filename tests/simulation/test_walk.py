@@ -18,7 +18,6 @@ FEATURES = (
     "simulation/setup/laws.py",
     "simulation/setup/reference_medium.py",
     "simulation/sides/extension.py",
-    "simulation/sides/layers.py",
     "simulation/sides/outline_condition.py",
     "simulation/sides/side_selection.py",
     "simulation/sides/trials.py",

@@ -22,7 +22,7 @@ from farhorizon import kinds
 from farhorizon.analysis import modes
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
-from farhorizon.engine.outline_stencil import outline_table
+from farhorizon.engine.outline_stencil import FringeSums, outline_table
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
@@ -390,9 +390,8 @@ class OutlineCondition:
         self.engine, self.nodes = engine, engine.all_components(indices[tuple(self.fringe.index.T)])
         outside = engine.all_components(indices[self.outside])
         self.unmoved = np.concatenate([engine.all_components(indices[self.halo]), outside])
-        entries = self.update.indptr, self.update.indices, self.update.data
-        sums = outline_table(self.nodes, self.levels, self._fronts, self.rows, *entries, outside)
-        engine.replace(outline_stencil=sums)
+        sums = FringeSums(self._fronts, self.rows, self.update.indptr, self.update.indices, self.update.data)
+        engine.replace(outline_stencil=outline_table(self.nodes, self.levels, sums, outside))
 
     def start(self) -> None:
         """Initialise the memory with the state one step ago, before which all was at rest."""

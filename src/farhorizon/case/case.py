@@ -104,11 +104,9 @@ class Case:
         changes: dict[str, Any] = {"lattice.spacing": spacing}
         if self.parts.lattice.nodes is not None:  # the cells of a box
             changes = {"lattice.nodes": [round(n / finer) for n in self.lattice.shape]}
-        models = {"model": self.parts.model} | {
-            f"model.{name}": one for name, one in models_in(self.parts.model).items()
-        }
-        for name, one in models.items():
-            kernel = getattr(one, "kernel", None)
+        inner = {f"model.{name}": table for name, table in models_in(self.parts.model).items()}
+        for name, table in ({"model": self.parts.model} | inner).items():
+            kernel = getattr(table, "kernel", None)
             if kernel is not None:
                 changes[f"{name}.kernel.horizon"] = kernel.horizon * finer
         if self.parts.run.dt is not None:
@@ -146,11 +144,11 @@ class Case:
         return dt * max(1, round(self.end / _OUTPUTS / dt))
 
     @property
-    def _asked(self) -> WholeSteps:
+    def _whole_steps(self) -> WholeSteps:
         """Intervals that must be whole numbers of steps."""
         out, until = self.parts.output, self.end
-        asked = {"output.every": out.every, "output.probe_every": out.probe_every, "run.until": until}
-        return WholeSteps(**{name: interval for name, interval in asked.items() if interval is not None})
+        intervals = {"output.every": out.every, "output.probe_every": out.probe_every, "run.until": until}
+        return WholeSteps(**{name: interval for name, interval in intervals.items() if interval is not None})
 
     def _step(self, default: float) -> float:
         """Time step to use in place of the default one: it divides the given intervals, and also a fortieth of the run
@@ -159,10 +157,10 @@ class Case:
         between = self.end / _OUTPUTS
         if self.parts.output.every is None and between >= default:
             try:
-                return WholeSteps(**self._asked.intervals, between=between)(default)
+                return WholeSteps(**self._whole_steps.intervals, between=between)(default)
             except InputError:  # no common step, as with an odd `probe_every`
                 pass
-        return self._asked(default)
+        return self._whole_steps(default)
 
     @property
     def _given_step(self) -> float | Callable[[float], float]:
@@ -171,11 +169,11 @@ class Case:
     def schedule(self, dt: float) -> str:
         """When outputs and probes are recorded, in words."""
         time = "" if self.units is None else self.units.name("s")
-        said = _interval(self.every(dt), dt, time)
+        text = _interval(self.every(dt), dt, time)
         if self.parts.output.probes:
             between = self.parts.output.probe_every
-            said += f"; probes {'every step' if between is None else _interval(between, dt, time)}"
-        return said
+            text += f"; probes {'every step' if between is None else _interval(between, dt, time)}"
+        return text
 
     @property
     def _bondwise(self) -> bool:
@@ -212,18 +210,18 @@ class Case:
         """
         if (units := self.units) is None:
             return {}
-        named = {"length": "m", "time": "s", "frequency": "1/s", "speed": "m/s", "u": FIELD, "v": RATE}
+        si_units = {"length": "m", "time": "s", "frequency": "1/s", "speed": "m/s", "u": FIELD, "v": RATE}
         if self.model.mechanical:
             per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # per area in 1D, per thickness in 2D
-            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
-            named |= {"energy": f"J{per}", "power": f"W{per}", "force": f"N{per}"}
+            si_units |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
+            si_units |= {"energy": f"J{per}", "power": f"W{per}", "force": f"N{per}"}
         for constant in self.model.varying:
             if (si := unit_of(type(self.parts.model).model_fields[constant])) is not None:
-                named[constant] = si
-        found = {what: name for what, si in named.items() if (name := units.name(si))}
-        if {"stress", "length"} <= found.keys():
-            found |= dict.fromkeys(("K_I", "K_II"), f"{found['stress']} {found['length']}^(1/2)")
-        return found
+                si_units[constant] = si
+        names = {quantity: name for quantity, si in si_units.items() if (name := units.name(si))}
+        if {"stress", "length"} <= names.keys():
+            names |= dict.fromkeys(("K_I", "K_II"), f"{names['stress']} {names['length']}^(1/2)")
+        return names
 
     @property
     def materials(self) -> Regions | None:
@@ -242,32 +240,31 @@ class Case:
         with self.naming():
             check_names(changes)
             setup, recorders = replace(self.setup, **changes), [*recorders_of(self.parts, self.lattice.dim), *observe]
-            made = fh.Simulation.of(setup, recorders, communicator, self.parts.run.topology)
-            self._asked.check(made.dt, "run.dt")
-            return made
+            simulation = fh.Simulation.of(setup, recorders, communicator, self.parts.run.topology)
+            self._whole_steps.check(simulation.dt, "run.dt")
+            return simulation
 
     def completed(self, threads: int | None = None) -> fh.Simulation:
         """A new run, completed, on at most so many threads."""
-        given = self.parts.run.threads
-        least = min((one for one in (given, threads) if one is not None), default=None)
-        made = self.run(threads=least)
+        limits = [limit for limit in (self.parts.run.threads, threads) if limit is not None]
+        simulation = self.run(threads=min(limits, default=None))
         rest: dict[str, Any] = self.to_rest
-        return made.run(self.parts.run.until, self.every(made.dt), progress=False, **rest)
+        return simulation.run(self.parts.run.until, self.every(simulation.dt), progress=False, **rest)
 
     def figures(self, run: fh.Simulation) -> dict[str, float]:
         """Values of a run for a table of several cases: time step, number of steps, time and energy at the end, the
         largest magnitude of each written field, and the final values at the probes.
         """
         fields = fields_of(run, self.fields)
-        found = {"dt": run.dt, "steps": run.step_count, "time": run.time, "energy": run.energy()}
-        found |= {f"max_{name}": float(np.nanmax(np.abs(values), initial=0.0)) for name, values in fields.items()}
+        figures = {"dt": run.dt, "steps": run.step_count, "time": run.time, "energy": run.energy()}
+        figures |= {f"max_{name}": float(np.nanmax(np.abs(values), initial=0.0)) for name, values in fields.items()}
         u = run.fields["u"]
         for i, point in enumerate(self.parts.output.probes):
-            place: tuple[Any, ...] = (..., *self.lattice.index(point))
-            values = np.atleast_1d(u[place])
+            node: tuple[Any, ...] = (..., *self.lattice.index(point))
+            values = np.atleast_1d(u[node])
             names = [f"probe_{i}"] if len(values) == 1 else [f"probe_{i}_{axis}" for axis in AXES]
-            found |= dict(zip(names, map(float, values), strict=False))
-        return found
+            figures |= dict(zip(names, map(float, values), strict=False))
+        return figures
 
     def simulation(self, **changes: Any) -> fh.Simulation:
         """The same as `run`."""
@@ -279,17 +276,17 @@ class Case:
         try:
             yield
         except InputError as error:
-            named = type(error)(f"{self.path}: {error}")
-            named.agreed = error.agreed
-            raise named from None
+            with_path = type(error)(f"{self.path}: {error}")
+            with_path.agreed = error.agreed
+            raise with_path from None
 
     def _check_absolute(self) -> None:
         """Refuse temperatures not counted from absolute zero where deformation generates heat."""
-        counted = "" if self.units is None else self.units.name("K")
-        if getattr(self.model, "coupled", False) and counted and unit(counted).zero:
+        name = "" if self.units is None else self.units.name("K")
+        if getattr(self.model, "coupled", False) and name and unit(name).zero:
             raise InputError(
                 "the heat of deformation depends on the absolute temperature",
-                value=counted,
+                value=name,
                 limit="K",
                 key="units.temperature",
                 remedy='temperature = "K"; numbers may still be given as "20 degC"',
@@ -341,8 +338,7 @@ class Case:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
-        warmed = self._warms or self.setup.heat is not None
-        known += ["T", "thermal_strain"] * warmed
+        known += ["T", "thermal_strain"] * (self._warms or self.setup.heat is not None)
         if not self.fields:
             raise InputError(
                 "a results file has one field or more",
@@ -374,15 +370,15 @@ def _interval(time: float, dt: float, unit: str) -> str:
 
 def _has_readable_units(data: Mapping[str, Any]) -> bool:
     """Whether the units of a case that is not yet validated are a table of known keys and strings, or are absent."""
-    given = data.get("units", {})
-    known = isinstance(given, dict) and given.keys() <= UnitsPart.model_fields.keys()
-    return known and all(isinstance(text, str) for text in given.values())
+    units = data.get("units", {})
+    known = isinstance(units, dict) and units.keys() <= UnitsPart.model_fields.keys()
+    return known and all(isinstance(text, str) for text in units.values())
 
 
 def _units_of(data: Mapping[str, Any]) -> Units | None:
     model = data.get("model")
     tag = model.get("type") if isinstance(model, dict) else None
-    unit = next((kind.field_unit for kind in tables().known.models if tag_of(kind) == tag), ANY)
+    unit = next((model.field_unit for model in tables().known.models if tag_of(model) == tag), ANY)
     return Units(data["units"], unit) if "units" in data else None
 
 

@@ -17,32 +17,22 @@ _NO_CONSTANTS = {"region", "of", "name"}  # keys of a material that are not cons
 
 
 def model_of(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
-    """The model on a lattice, with the constants of the materials in their regions.
-
-    Parameters
-    ----------
-    part : Part
-        The table [model].
-    materials : sequence of Part
-        The tables [[material]]; later ones override earlier ones.
-    lattice : Lattice
-
-    Raises
-    ------
-    InputError
-        A constant or an option that the model does not have, a region without a material or without nodes.
+    """The model of the table [model] on a lattice, with the constants of the tables [[material]] in their regions,
+    where later ones override earlier ones; InputError for a constant or an option that the model does not have, and a
+    region without a material or without nodes.
     """
-    read, kind = Reader(lattice.dim), type(part).MAKER
+    read = Reader(lattice.dim)
     if models := models_in(part):
-        return read.made(part, "model", **{n: _inner(n, one, materials, lattice) for n, one in models.items()})
-    found = _in_regions(part, kind, materials, lattice)
+        inner = {name: _inner(name, table, materials, lattice) for name, table in models.items()}
+        return read.made(part, "model", **inner)
+    arguments = _in_regions(part, type(part).MAKER, materials, lattice)
     if (name := getattr(part, "stencil", None)) is not None and part.kernel is None:
-        found["operator"] = _stencil(name, getattr(part, "order", None), lattice.dim)
+        arguments["operator"] = _stencil(name, getattr(part, "order", None), lattice.dim)
     elif getattr(part, "order", None) is not None:
         raise _without_differences(part.order)
     if getattr(part, "stages", None) is not None:
-        found["integrator"] = _integrator(part)
-    return read.made(part, "model", **found)
+        arguments["integrator"] = _integrator(part)
+    return read.made(part, "model", **arguments)
 
 
 def _stencil(name: str, order: int | None, dim: int) -> fh.Stencil:
@@ -75,29 +65,29 @@ def _inner(name: str, part: Any, materials: Sequence[Any], lattice: fh.Lattice) 
         raise error.at(error.key.replace("model", f"model.{name}", 1)) from None
 
 
-def _in_regions(part: Any, kind: Any, materials: Sequence[Any], lattice: fh.Lattice) -> dict[str, Any]:
-    """The constants of a model to which materials give other values in their regions."""
+def _in_regions(part: Any, model: Any, materials: Sequence[Any], lattice: fh.Lattice) -> dict[str, Any]:
+    """The constants of a class of models to which materials give other values in their regions."""
     _check(materials)
-    named = {name: i for i, one in enumerate(materials) for name in one.model_fields_set - _NO_CONSTANTS}
-    for name in sorted(named):
+    last = {name: i for i, material in enumerate(materials) for name in material.model_fields_set - _NO_CONSTANTS}
+    for name in sorted(last):
         if getattr(part, name, None) is None:
-            has = {one for one, value in part if value is not None} - _NO_CONSTANTS
+            constants = {key for key, value in part if value is not None} - _NO_CONSTANTS
             raise InputError(
                 "a region has constants that the model has, too",
                 value=name,
-                limit=", ".join(sorted(has & type(materials[0]).model_fields.keys())) or "none",
-                key=f"material[{named[name]}].{name}",
+                limit=", ".join(sorted(constants & type(materials[0]).model_fields.keys())) or "none",
+                key=f"material[{last[name]}].{name}",
                 remedy=f"give [model] its {name}, of what is elsewhere" if name in part.ARGUMENTS else "leave it out",
             )
-    return {name: _constant(kind, name, getattr(part, name), materials, lattice) for name in sorted(named)}
+    return {name: _constant(model, name, getattr(part, name), materials, lattice) for name in sorted(last)}
 
 
 def named_materials(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Regions | None:
     """Nodes by material name, "" where a material has none; None if no material has a name."""
-    names = [_called(part)]
+    names = [_material_name(part)]
     numbers = np.zeros(lattice.shape, np.int32)
     for i, material in enumerate(materials):
-        if name := _called(material):
+        if name := _material_name(material):
             names += [] if name in names else [name]
             numbers[_inside(material, i, lattice)] = names.index(name)
     return Regions(numbers, tuple(names)) if any(names) else None
@@ -105,13 +95,13 @@ def named_materials(part: Any, materials: Sequence[Any], lattice: fh.Lattice) ->
 
 def models_in(part: Any) -> dict[str, Any]:
     """The tables of the models that a model is composed of, by key."""
-    return {name: one for name, one in part if isinstance(one, Part) and is_model(type(one).MAKER)}
+    return {name: table for name, table in part if isinstance(table, Part) and is_model(type(table).MAKER)}
 
 
-def _called(part: Any) -> str:
+def _material_name(part: Any) -> str:
     """Name that a table gives its material; "" if none."""
-    for one in models_in(part).values():
-        return _called(one)
+    for table in models_in(part).values():
+        return _material_name(table)
     return getattr(part, "name", None) or getattr(part, "of", None) or ""
 
 
@@ -134,16 +124,19 @@ def _check(materials: Sequence[Any]) -> None:
             )
 
 
-def _constant(kind: type[fh.LatticeModel], name: str, value: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Any:
-    """A constant of a kind of model, with the values given in regions."""
+def _constant(
+    model: type[fh.LatticeModel], name: str, value: Any, materials: Sequence[Any], lattice: fh.Lattice
+) -> np.ndarray:
+    """Values of a constant at the nodes, with those given in regions."""
     read = Reader(lattice.dim)
-    found = read.constant(value, f"model.{name}")
-    given = [(i, part) for i, part in enumerate(materials) if getattr(part, name) is not None]
+    elsewhere = read.constant(value, f"model.{name}")
     at = lattice.coordinates()
-    values = np.array(np.broadcast_to(found(*at) if callable(found) else found, lattice.shape), float)
-    for i, part in given:
-        there = _inside(part, i, lattice)
-        if not there.any():
+    values = np.array(np.broadcast_to(elsewhere(*at) if callable(elsewhere) else elsewhere, lattice.shape), float)
+    for i, part in enumerate(materials):
+        if getattr(part, name) is None:
+            continue
+        nodes = _inside(part, i, lattice)
+        if not nodes.any():
             raise InputError(
                 "the region has no node of the near field",
                 value=read.region(part.region, f"material[{i}].region"),
@@ -153,8 +146,8 @@ def _constant(kind: type[fh.LatticeModel], name: str, value: Any, materials: Seq
             )
         key = f"material[{i}].{name}"
         inside = read.constant(getattr(part, name), key)
-        values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
-        kind.check_constant(name, values[there], key)
+        values[nodes] = inside(*(x[nodes] for x in at)) if callable(inside) else inside
+        model.check_constant(name, values[nodes], key)
     return values
 
 

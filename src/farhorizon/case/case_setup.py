@@ -19,27 +19,12 @@ from farhorizon.simulation.setup.setup import keys
 def setup_of(
     parts: Any, lattice: fh.Lattice, model: fh.LatticeModel, end: float, dt: float | Callable[[float], float]
 ) -> fh.Setup:
-    """The set-up of a case.
-
-    Parameters
-    ----------
-    parts : Part
-        A validated case.
-    lattice : Lattice
-    model : LatticeModel
-    end : float
-        Length of the run for which layers without one of their own are designed.
-    dt : float or callable
-        The time step, or a function that computes it from the default one.
-
-    Raises
-    ------
-    InputError
-        What the object of a table itself refuses, with the key of the table.
+    """The set-up of a validated case whose run, for which layers are designed, has the length `end`; `dt` is the time
+    step, or a function of the default one. What the object of a table refuses is an InputError with its key.
     """
     read = Reader(lattice.dim, model.mechanical)
-    two = model.of_temperature is not None
-    _check_fields(parts, two)
+    heated = model.of_temperature is not None  # there are two fields
+    _check_fields(parts, heated)
     if parts.load and not model.mechanical:
         raise InputError(
             "loads act on an elastic medium",
@@ -56,8 +41,8 @@ def setup_of(
             for name in type(parts.initial).model_fields
             if name in parts.initial.model_fields_set
         },
-        boundary=_boundaries(parts, read, end, two),
-        sources=_sources(parts, read, two),
+        boundary=_boundaries(parts, read, end, heated),
+        sources=_sources(parts, read, heated),
         specimens=[read.made(part, f"specimen[{i}]") for i, part in enumerate(parts.specimen)],
         cracks=[read.made(part, key) for part, key in _numbered("crack", parts.crack)],
         constraints=[read.made(part, f"constraint[{i}]") for i, part in enumerate(parts.constraint)],
@@ -74,42 +59,30 @@ def setup_of(
 
 
 def recorders_of(parts: Any, dim: int) -> list[Observer]:
-    """New recorders, each for a single run.
-
-    Parameters
-    ----------
-    parts : Part
-        A validated case.
-    dim : int
-        Number of axes of its lattice.
-
-    Raises
-    ------
-    InputError
-        What a recorder itself refuses, with the key of its table.
-    """
-    read, found = Reader(dim), []
-    for kind in Recorder.known.values():
-        table = key_of(kind)
+    """New recorders of a validated case, each for a single run; what one refuses is an InputError with its key."""
+    read, recorders = Reader(dim), []
+    for recorder_class in Recorder.known.values():
+        table = key_of(recorder_class)
         given = getattr(parts, table, None) or []
-        several = given if isinstance(given, list) else [given]
-        for i, part in enumerate(several):
-            name = f"{table}_{i}" if len(several) > 1 else table
-            named = {} if {"name"} & part.model_fields_set or "name" not in part.ARGUMENTS else {"name": name}
-            found.append(read.made(part, f"{table}[{i}]" if several is given else table, **named))
-    return found
+        entries = given if isinstance(given, list) else [given]
+        for i, part in enumerate(entries):
+            key = f"{table}[{i}]" if entries is given else table
+            nameless = "name" in part.ARGUMENTS and "name" not in part.model_fields_set
+            name = {"name": f"{table}_{i}" if len(entries) > 1 else table} if nameless else {}
+            recorders.append(read.made(part, key, **name))
+    return recorders
 
 
-def _check_fields(parts: Any, two: bool) -> None:
+def _check_fields(parts: Any, heated: bool) -> None:
     """Refuse keys for the temperature if the model has none."""
     given = {
         "initial.T": "T" in parts.initial.model_fields_set,
         "boundary_T": bool(parts.boundary_T),
         "coefficient": isinstance(parts.coefficient, dict),
     }
-    given |= {f"{key}.field": _heats(one) for one, key in _numbered("source", parts.source)}
-    for key, there in given.items():
-        if there and not two:
+    given |= {f"{key}.field": _heats(part) for part, key in _numbered("source", parts.source)}
+    for key, is_given in given.items():
+        if is_given and not heated:
             raise InputError(
                 "only a thermoelastic solid has a second field, the temperature T",
                 value=parts.model.type,
@@ -118,14 +91,14 @@ def _check_fields(parts: Any, two: bool) -> None:
             )
 
 
-def _boundaries(parts: Any, read: Reader, end: float, two: bool) -> Any:
+def _boundaries(parts: Any, read: Reader, end: float, heated: bool) -> Any:
     """Boundaries by side; for two fields, by field."""
     usual: Any = fh.LatticePML(until=end)
-    found = _boundary(parts.boundary, "boundary", read, end)
-    if not two:
-        return found or usual
-    other = found | _boundary(parts.boundary_T, "boundary_T", read, end)
-    return {"u": found or usual, "T": other or usual}
+    sides = _boundary(parts.boundary, "boundary", read, end)
+    if not heated:
+        return sides or usual
+    of_temperature = sides | _boundary(parts.boundary_T, "boundary_T", read, end)
+    return {"u": sides or usual, "T": of_temperature or usual}
 
 
 def _boundary(given: dict[str, Any], key: str, read: Reader, end: float) -> dict[str, Any]:
@@ -144,16 +117,16 @@ def _until(part: Any, end: float) -> dict[str, float]:
     return {"until": end} if "until" in part.ARGUMENTS and "until" not in part.model_fields_set else {}
 
 
-def _sources(parts: Any, read: Reader, two: bool) -> Any:
+def _sources(parts: Any, read: Reader, heated: bool) -> Any:
     """Sources and incident waves; for two fields, by field."""
-    found: dict[str, list[Any]] = {"u": [], "T": []}
+    sources: dict[str, list[Any]] = {"u": [], "T": []}
     for part, key in _numbered("source", parts.source):
         heats = _heats(part)
         source = (Reader(read.dim) if heats else read).made(part, key)
         plain = isinstance(source, fh.Source) and source.time is None
-        found["T" if heats else "u"].append(source.value if plain else source)
-    found["u"] += [read.made(part, key) for part, key in _numbered("incident", parts.incident)]
-    return found if two else found["u"]
+        sources["T" if heats else "u"].append(source.value if plain else source)
+    sources["u"] += [read.made(part, key) for part, key in _numbered("incident", parts.incident)]
+    return sources if heated else sources["u"]
 
 
 def _heats(part: Part) -> bool:
@@ -169,6 +142,6 @@ def _coefficient(given: Any, lattice: fh.Lattice, read: Reader) -> Any:
     if given is None:
         return None
     if isinstance(given, dict):
-        return {name: _coefficient(one, lattice, read) for name, one in given.items()}
-    found = read.expression(given, "coefficient", time=False)
-    return np.broadcast_to(found(*lattice.coordinates()) if callable(found) else found, lattice.shape)
+        return {name: _coefficient(value, lattice, read) for name, value in given.items()}
+    factor = read.expression(given, "coefficient", time=False)
+    return np.broadcast_to(factor(*lattice.coordinates()) if callable(factor) else factor, lattice.shape)

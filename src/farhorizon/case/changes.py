@@ -12,12 +12,8 @@ from farhorizon.errors import InputError
 
 
 def parsed(text: str) -> tuple[str, Any]:
-    """Key and value of ``key=value``: the value is TOML, or a string where it is not valid TOML.
-
-    Raises
-    ------
-    InputError
-        There is no key, no equals sign or no value.
+    """Key and value of ``key=value``: the value is TOML, or a string where it is not valid TOML; InputError without a
+    key, an equals sign or a value.
     """
     key, equals, value = (part.strip() for part in text.partition("="))
     if not (key and equals and value):
@@ -25,10 +21,10 @@ def parsed(text: str) -> tuple[str, Any]:
             "give a key of the case and its value", value=text, key="--set", remedy="--set model.speed=2.0"
         )
     try:
-        found = tomllib.loads(f"value = {value}")
+        tables = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):
         return key, value
-    return key, found["value"] if len(found) == 1 else value
+    return key, tables["value"] if len(tables) == 1 else value
 
 
 def steps(key: str) -> list[str]:
@@ -37,37 +33,33 @@ def steps(key: str) -> list[str]:
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a case's tables with values set at dotted keys; missing tables are created.
-
-    Raises
-    ------
-    InputError
-        A key leads through something that is not a table, or to an entry that a list does not have.
+    """A copy of a case's tables with values set at dotted keys; missing tables are created. InputError where a key
+    leads through something that is not a table, or to an entry that a list does not have.
     """
-    whole: dict[str, Any] = copy.deepcopy(dict(data))
+    tables: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():
         names = steps(key)
-        place: Any = whole
+        container: Any = tables
         for step, following in pairwise(names):
-            if isinstance(place, list):
-                place = place[_entry(place, step, key)]
+            if isinstance(container, list):
+                container = container[_entry(container, step, key)]
             else:  # a missing list has no entries
-                place = _table(place, key).setdefault(step, [] if following.isdecimal() else {})
-        if isinstance(place, list):
-            place[_entry(place, names[-1], key)] = value
+                container = _table(container, key).setdefault(step, [] if following.isdecimal() else {})
+        if isinstance(container, list):
+            container[_entry(container, names[-1], key)] = value
         else:
-            _table(place, key)[names[-1]] = value
-    return whole
+            _table(container, key)[names[-1]] = value
+    return tables
 
 
-def _table(place: Any, key: str) -> dict[str, Any]:
-    if not isinstance(place, dict):
-        raise InputError("the key leads through a value that is not a table", value=place, key=key)
-    return place
+def _table(value: Any, key: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError("the key leads through a value that is not a table", value=value, key=key)
+    return value
 
 
-def _entry(place: list[Any], step: str, key: str) -> int:
-    if not (step.isdecimal() and int(step) < len(place)):
-        entries = f"0 to {len(place) - 1}" if place else "none: it is empty"
-        raise InputError("the list has no such entry", value=step, limit=entries, key=key)
+def _entry(entries: list[Any], step: str, key: str) -> int:
+    if not (step.isdecimal() and int(step) < len(entries)):
+        limit = f"0 to {len(entries) - 1}" if entries else "none: it is empty"
+        raise InputError("the list has no such entry", value=step, limit=limit, key=key)
     return int(step)

@@ -6,7 +6,7 @@ import difflib
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -27,22 +27,12 @@ _SIDE = "all"  # stands for the name of any side
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a case file.
+    """A key of a case file."""
 
-    Attributes
-    ----------
-    path : str
-        Dotted path, with ``boundary.all...`` for sides; entries of lists have no number.
-    types : tuple of str
-        Types of the enclosing tables, where these have one.
-    kind, default, text : str
-        What values the key takes; its default (or that it is required or optional) with its unit; and its description.
-    """
-
-    path: str
-    types: tuple[str, ...]
-    kind: str
-    default: str
+    path: str  # with dots, and ``boundary.all`` for sides; entries of lists have no number
+    types: tuple[str, ...]  # of the enclosing tables, where these have one
+    kind: str  # of values that it takes
+    default: str  # or that it is required or optional; with its unit
     text: str
 
     @cached_property
@@ -69,8 +59,8 @@ def all_keys() -> list[Key]:
 @lru_cache(maxsize=4)
 def _keys_of(case: type[Part]) -> tuple[Key, ...]:
     """Every key of the table of a case."""
-    whole = schema_of(case)
-    return tuple(_inside(whole, whole["$defs"], "", (), ()))
+    schema = schema_of(case)
+    return tuple(_inside(schema, schema["$defs"], "", (), ()))
 
 
 def _inside(
@@ -79,20 +69,19 @@ def _inside(
     """The keys of a table and of the tables in it; `within` names the enclosing kinds of table, which are not entered
     again (regions may contain regions).
     """
-    for name, found in table["properties"].items():
+    for name, key in table["properties"].items():
         place = f"{path}.{name}".lstrip(".")
-        needed, default = name in table.get("required", ()), found.get("default")
-        said = "required" if needed else "optional" if default is None or _empty(default) else literal(default)
-        text = found.get("description", "")
-        said += f", unit {found['unit']}" if "unit" in found else ""
-        yield Key(place, types, _kind(found, defs), said, text)
-        for kind, inner in _tables(found, defs):
+        needed, default = name in table.get("required", ()), key.get("default")
+        default = "required" if needed else "optional" if default is None or _empty(default) else literal(default)
+        default += f", unit {key['unit']}" if "unit" in key else ""
+        yield Key(place, types, _kind(key, defs), default, key.get("description", ""))
+        for kind, inner in _tables(key, defs):
             if kind not in within:
-                step = f"{place}.{_SIDE}" if place == "boundary" else place
+                below = f"{place}.{_SIDE}" if place == "boundary" else place
                 tag = inner["properties"].get("type", {})
                 tags = tag.get("enum", [tag["const"]] if "const" in tag else [])
-                for own in [(*types, one) for one in tags] or [types]:
-                    yield from _inside(inner, defs, step, own, (*within, kind))
+                for inner_types in [(*types, name) for name in tags] or [types]:
+                    yield from _inside(inner, defs, below, inner_types, (*within, kind))
 
 
 def _empty(default: Any) -> bool:
@@ -100,73 +89,59 @@ def _empty(default: Any) -> bool:
     return isinstance(default, dict) or default == []
 
 
-def _tables(found: dict[str, Any], defs: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _tables(schema: dict[str, Any], defs: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Name and schema of each kind of table that a key, or a list at a key, may contain."""
-    if "$ref" in found:
-        name = found["$ref"].rpartition("/")[2]
+    if "$ref" in schema:
+        name = schema["$ref"].rpartition("/")[2]
         yield name, defs[name]
-    for one in (*found.get("anyOf", ()), *found.get("oneOf", ()), *found.get("allOf", ())):
-        yield from _tables(one, defs)
-    for inner in (found.get("items"), found.get("additionalProperties")):
+    for option in (*schema.get("anyOf", ()), *schema.get("oneOf", ()), *schema.get("allOf", ())):
+        yield from _tables(option, defs)
+    for inner in (schema.get("items"), schema.get("additionalProperties")):
         if isinstance(inner, dict):
             yield from _tables(inner, defs)
 
 
-def _kind(found: dict[str, Any], defs: dict[str, Any]) -> str:
+def _kind(schema: dict[str, Any], defs: dict[str, Any]) -> str:
     """Kind of value that a key takes, in words."""
-    options = [*found.get("anyOf", ()), *found.get("oneOf", ())]
+    options = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
     if options:
-        return " or ".join(dict.fromkeys(_kind(one, defs) for one in options if one.get("type") != "null"))
-    if "enum" in found or "const" in found:
-        return " or ".join(literal(value) for value in found.get("enum", [found.get("const")]))
-    if "$ref" in found:
+        return " or ".join(dict.fromkeys(_kind(option, defs) for option in options if option.get("type") != "null"))
+    if "enum" in schema or "const" in schema:
+        return " or ".join(literal(value) for value in schema.get("enum", [schema.get("const")]))
+    if "$ref" in schema:
         return "table"
-    if found.get("type") == "array":
-        of = _kind(found["items"], defs) if found.get("items") else ""
-        return (
-            f"list of {of}s"
-            if of in ("number", "text", "table", "whole number")
-            else f"list of ({of})"
-            if of
-            else "list"
-        )
-    return "number" if isinstance(found.get("type"), list) else _KINDS.get(found.get("type", ""), "as in Python")
+    if schema.get("type") == "array":
+        of = _kind(schema["items"], defs) if schema.get("items") else ""
+        plural = f"{of}s" if of in ("number", "text", "table", "whole number") else f"({of})"
+        return f"list of {plural}" if of else "list"
+    return "number" if isinstance(schema.get("type"), list) else _KINDS.get(schema.get("type", ""), "as in Python")
 
 
 def explain_keys(prefix: str, width: int = 100) -> str:
-    """Description of a key and of the keys below it, as text.
+    """Description of a key and of the keys below it, as text with `width` characters per line.
 
-    Parameters
-    ----------
-    prefix : str
-        A dotted key: the first part of its path or all of it, with numbers of list entries and types of tables if
-        desired ("crack[0]", "model.elastic.young", "boundary.x-"). If empty, the tables of a case are listed.
-    width : int
-        Characters per line.
-
-    Raises
-    ------
-    InputError
-        There is no such key; the message names the most similar ones.
+    `prefix` is the first part of a dotted key or all of it, with numbers of list entries and types of tables if desired
+    ("crack[0]", "model.elastic.young", "boundary.x-"). If it is empty, the tables of a case are listed. The InputError
+    for an unknown key names the most similar ones.
     """
     keys = all_keys()
     path, types = _place(prefix, keys)
-    own = [key for key in keys if key.path == path]
+    of_any_type = [key for key in keys if key.path == path]
     keys = [key for key in keys if types <= set(key.types)]
     lines = []
-    for key, kinds in _merged([key for key in keys if key.path == path] or own):
-        lines += [f"{key.path}{_of(kinds)}: {key.kind}, {_default(key)}", *_wrapped(key.text, "  ", width)]
+    for key, tags in _merged([key for key in keys if key.path == path] or of_any_type):
+        lines += [f"{key.path}{_of(tags)}: {key.kind}, {_default(key)}", *_wrapped(key.text, "  ", width)]
     if path == "boundary":
         path = f"boundary.{_SIDE}"
     groups: dict[tuple[str, ...], list[Key]] = {}
-    for key, kinds in _merged([key for key in keys if key.parent == path and key.path]):
-        groups.setdefault(kinds, []).append(key)
+    for key, tags in _merged([key for key in keys if key.parent == path and key.path]):
+        groups.setdefault(tags, []).append(key)
     if len(groups) > 1:
-        some = [(key.types[-1], key.brief) for key in keys if key.parent == path and key.name == "type"]
-        return "\n".join([*lines, "", f"types; keys {prefix}.TYPE lists what each has", *_listed(some, width)])
-    for kinds, these in groups.items():
-        lines += ["", f"{path}{_of(kinds)}" if path else "tables and keys of a case file"]
-        lines += _listed([(key.name, f"{key.brief} ({key.kind}, {_default(key)})") for key in these], width)
+        tables = [(key.types[-1], key.brief) for key in keys if key.parent == path and key.name == "type"]
+        return "\n".join([*lines, "", f"types; keys {prefix}.TYPE lists what each has", *_listed(tables, width)])
+    for tags, members in groups.items():
+        lines += ["", f"{path}{_of(tags)}" if path else "tables and keys of a case file"]
+        lines += _listed([(key.name, f"{key.brief} ({key.kind}, {_default(key)})") for key in members], width)
     return "\n".join(lines).strip("\n")
 
 
@@ -174,20 +149,20 @@ def _place(prefix: str, keys: Sequence[Key]) -> tuple[str, set[str]]:
     """The path that a prefix denotes, and the types of tables that it names."""
     given, path, types = [step for step in steps(prefix) if step and not step.isdecimal()], "", set()
     # regions taken out of a region have the keys of a region
-    wanted = [step for step, below in zip(given, [*given, ""][1:], strict=True) if step != "without" or not below]
-    for number, step in enumerate(wanted):
+    path_steps = [step for step, below in zip(given, [*given, ""][1:], strict=True) if step != "without" or not below]
+    for number, step in enumerate(path_steps):
         below = f"{path}.{step}".lstrip(".")
         if any(key.path == below for key in keys):
             path = below
             continue
-        known = {kind for key in keys if f"{key.path}.".startswith(f"{path}.") for kind in key.types}
+        known = {tag for key in keys if f"{key.path}.".startswith(f"{path}.") for tag in key.types}
         if path == "boundary" and (step in known or re.fullmatch(r"all|[xyz][-+]?", step)):
             path = f"boundary.{_SIDE}"
             types |= {step} & known
         elif step in known and path:
             types.add(step)
         else:
-            raise _unknown(prefix, ".".join([path, *wanted[number:]]).lstrip("."), keys)
+            raise _unknown(prefix, ".".join([path, *path_steps[number:]]).lstrip("."), keys)
     return path, types
 
 
@@ -203,17 +178,14 @@ def _default(key: Key) -> str:
 
 def _merged(keys: Sequence[Key]) -> list[tuple[Key, tuple[str, ...]]]:
     """Keys of the same path and description merged into one, with the types of the tables that contain it."""
-    found: dict[tuple[str, str, str, str], list[str]] = {}
-    first: dict[tuple[str, str, str, str], Key] = {}
+    merged: dict[Key, list[str]] = {}
     for key in keys:
-        same = key.path, key.kind, key.default, key.text
-        first.setdefault(same, key)
-        found.setdefault(same, []).extend(key.types[-1:])
-    return [(first[same], tuple(dict.fromkeys(kinds))) for same, kinds in found.items()]
+        merged.setdefault(replace(key, types=()), []).extend(key.types[-1:])
+    return [(key, tuple(dict.fromkeys(tags))) for key, tags in merged.items()]
 
 
-def _of(kinds: Sequence[str]) -> str:
-    return f" (type {', '.join(kinds)})" if kinds else ""
+def _of(tags: Sequence[str]) -> str:
+    return f" (type {', '.join(tags)})" if tags else ""
 
 
 def _wrapped(text: str, head: str, width: int) -> list[str]:

@@ -44,7 +44,7 @@ def _known(location: tuple[Any, ...]) -> list[str]:
 
 
 # What pydantic expects, in words, by its type of error.
-_WANTED = {
+_EXPECTED = {
     "float_type": "a number",
     "float_parsing": "a number",
     "finite_number": "a finite number",
@@ -90,10 +90,10 @@ _OTHER_NAMES = {
 }
 
 
-def _called(word: str, types: list[str]) -> list[str]:
+def _meant(word: str, types: list[str]) -> list[str]:
     """The type that a word means or resembles, in a list, which is empty if there is none."""
-    other = _other_name(word)
-    return [other] if other in types else nearest(word, types)
+    ours = _other_name(word)
+    return [ours] if ours in types else nearest(word, types)
 
 
 def _other_name(word: str) -> str:
@@ -105,8 +105,8 @@ def _elsewhere(word: str, known: Iterable[str]) -> str:
     if nearest(word, known):
         return ""
     tags = [(tag, key.parent) for key in all_keys() if key.name == "type" for tag in key.types[-1:]]
-    found = [(tag, table) for other in (_other_name(word), word) for tag, table in tags if tag == other]
-    return f"type = {literal(found[0][0])} in {found[0][1]}" if found else ""
+    places = [(tag, table) for name in (_other_name(word), word) for tag, table in tags if tag == name]
+    return f"type = {literal(places[0][0])} in {places[0][1]}" if places else ""
 
 
 def _types(location: tuple[Any, ...]) -> list[str]:
@@ -116,10 +116,8 @@ def _types(location: tuple[Any, ...]) -> list[str]:
 
 def _instead(location: tuple[Any, ...]) -> str:
     """What a model takes in place of a key of other models, if known."""
-    found = [
-        kind.others.get(str(location[-1]), "") for kind in tables().known.models if tag_of(kind) in location[-2:-1]
-    ]
-    return found[0] if found else ""
+    models = [model for model in tables().known.models if tag_of(model) in location[-2:-1]]
+    return models[0].others.get(str(location[-1]), "") if models else ""
 
 
 def _meaning(location: tuple[Any, ...]) -> str:
@@ -136,25 +134,25 @@ def explain(error: ValidationError, data: dict[str, Any]) -> str:
     by_key: dict[str, list[Any]] = {}
     for problem in problems:
         by_key.setdefault(_key(data, tuple(problem["loc"]), problem["type"] == "missing"), []).append(problem)
-    return " | ".join(_problem(key, same) for key, same in list(by_key.items())[:3])
+    return " | ".join(_problem(key, problems) for key, problems in list(by_key.items())[:3])
 
 
 def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
     """The path of a problem as it is in the case: pydantic's path also contains names of types, which do not occur in
     the data.
     """
-    found = ""
+    path = ""
     for number, step in enumerate(location):
         if isinstance(data, list) and isinstance(step, int) and step < len(data):
-            found, data = f"{found}[{step}]", data[step]
+            path, data = f"{path}[{step}]", data[step]
         elif isinstance(data, dict) and (step in data or (missing and number == len(location) - 1)):
-            found, data = f"{found}.{step}".lstrip("."), data.get(step)
-    return found
+            path, data = f"{path}.{step}".lstrip("."), data.get(step)
+    return path
 
 
-def _problem(key: str, same: list[Any]) -> str:
-    """What is wrong with one key; `same` has one problem for each type that the key may have."""
-    first = same[0]
+def _problem(key: str, problems: list[Any]) -> str:
+    """What is wrong with one key; there is one problem for each type that it may have."""
+    first = problems[0]
     location, context = tuple(first["loc"]), first.get("ctx", {})
     match first["type"]:
         case "extra_forbidden" if "lattice-pml" in location and location[-1] in ("angle", "wavelengths"):
@@ -163,8 +161,8 @@ def _problem(key: str, same: list[Any]) -> str:
             )
         case "extra_forbidden":
             word, known = str(location[-1]), _known(location[:-1])
-            other = _instead(location) or _elsewhere(word, known)
-            return f"unknown key {key}; {suggestion(word, known)}{f'; remedy: {other}' if other else ''}"
+            remedy = _instead(location) or _elsewhere(word, known)
+            return f"unknown key {key}; {suggestion(word, known)}{f'; remedy: {remedy}' if remedy else ''}"
         case "missing":
             return f"missing key {key}{_meaning(location)}"
         case "value_error" if isinstance(context["error"], InputError):  # its key is relative to the table
@@ -172,7 +170,7 @@ def _problem(key: str, same: list[Any]) -> str:
         case "union_tag_not_found" | "union_tag_invalid":
             types = _types(location)
             message = "unknown type" if "tag" in context else "the type is missing"
-            near = _called(str(context["tag"]), types) if "tag" in context else types[:1]
+            near = _meant(str(context["tag"]), types) if "tag" in context else types[:1]
             return str(
                 InputError(
                     message,
@@ -183,16 +181,17 @@ def _problem(key: str, same: list[Any]) -> str:
                 )
             )
     words = [
-        _WANTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "") for p in same
+        _EXPECTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "")
+        for p in problems
     ]
-    wanted = " or ".join(dict.fromkeys(words)) if all(words) else ""
+    expected = " or ".join(dict.fromkeys(words)) if all(words) else ""
     value = first["input"]
     return str(
         InputError(
-            f"must be {wanted}" if wanted else first["msg"],
+            f"must be {expected}" if expected else first["msg"],
             value=f"the text {value!r}" if isinstance(value, str) else value,
-            limit=wanted or None,
+            limit=expected or None,
             key=key,
-            remedy=f"such as {', '.join(_EXAMPLES.get(word, word) for word in dict.fromkeys(words))}" if wanted else "",
+            remedy=f"such as {', '.join(_EXAMPLES.get(w, w) for w in dict.fromkeys(words))}" if expected else "",
         )
     )

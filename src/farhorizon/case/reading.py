@@ -26,13 +26,13 @@ class Reader(NamedTuple):
             return self.region(part, key)
         given: dict[str, Any] = {}
         names: dict[str, str] = {}  # keys by argument
-        for name, argument in part.ARGUMENTS.items():
+        for argument_name, argument in part.ARGUMENTS.items():
             given |= argument.default
-            used = None if name in others else _used(part, argument, key)
+            used = None if argument_name in others else _used(part, argument, key)
             if used is not None:
-                values = [self._value(getattr(part, one), used.function, f"{key}.{one}") for one in used.keys]
-                given[name] = values[0] if used.makes is None else used.makes(*values)
-                names[name] = used.keys[0]
+                values = [self._value(getattr(part, name), used.function, f"{key}.{name}") for name in used.keys]
+                given[argument_name] = values[0] if used.makes is None else used.makes(*values)
+                names[argument_name] = used.keys[0]
         try:
             return type(part).MAKER(**given | others)
         except InputError as error:
@@ -43,15 +43,15 @@ class Reader(NamedTuple):
 
     def region(self, part: Part, key: str) -> Shape:
         """The shape that the table of a region describes."""
-        shapes = {name: one for name, one in part if name != "without" and one is not None}
+        shapes = {name: table for name, table in part if name != "without" and table is not None}
         if len(shapes) != 1:
             names = ", ".join(name for name in type(part).model_fields if name != "without")
             raise InputError(f"give exactly one of {names}", key=key)
         [(name, shape)] = shapes.items()
-        found = self.made(shape, f"{key}.{name}")
+        region = self.made(shape, f"{key}.{name}")
         for hole in getattr(part, "without"):  # noqa: B009 (the class is made from the shapes that there are)
-            found = found - self.region(hole, f"{key}.without")
-        return found
+            region = region - self.region(hole, f"{key}.without")
+        return region
 
     def _value(self, value: Any, function: Function | None, key: str) -> Any:
         """The value of a key."""
@@ -87,24 +87,20 @@ class Reader(NamedTuple):
         if value is False:
             return None
         if isinstance(value, list):
-            return [self.of_times(one, f"{key}[{i}]") for i, one in enumerate(value)]
+            return [self.of_times(component, f"{key}[{i}]") for i, component in enumerate(value)]
         return self.made(value, key) if isinstance(value, Part) else as_signal(value, key)
 
 
 def _used(part: Part, argument: Argument, key: str) -> Option | None:
-    """The option by which a table gives an argument; None if it leaves the argument to its default.
-
-    Raises
-    ------
-    InputError
-        Several options, or none where one is needed.
+    """The option by which a table gives an argument, None if it leaves the argument to its default; InputError for
+    several options, or for none where one is needed.
     """
-    given = [one for one in argument.options if part.model_fields_set & {*one.keys}]
-    complete = [one for one in given if part.model_fields_set >= {*one.keys}]
+    given = [option for option in argument.options if part.model_fields_set & {*option.keys}]
+    complete = [option for option in given if part.model_fields_set >= {*option.keys}]
     if (given == complete and len(given) == 1) or not (given or argument.needed):
         return given[0] if given else None
-    names = [one.name for one in argument.options]
-    several = ", ".join(name for one in given for name in one.keys if name in part.model_fields_set)
+    names = [option.name for option in argument.options]
+    several = ", ".join(key for option in given for key in option.keys if key in part.model_fields_set)
     raise InputError(
         f"give either {' or '.join(names)}" if len(names) == 2 else f"give exactly one of {', '.join(names)}",
         value=several or "none",

@@ -110,39 +110,39 @@ class Part(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
-        found = handler(core)
-        keys = handler.resolve_ref_schema(found)["properties"]
+        schema = handler(core)
+        keys = handler.resolve_ref_schema(schema)["properties"]
         for name, key in cls.model_fields.items():
             if (si := unit_of(key)) is not None:
                 _take_units(keys[name])
                 keys[name]["unit"] = si
-        return found
+        return schema
 
 
 def unit_of(key: FieldInfo) -> str | None:
     """The SI unit of the values of a key, or `ANY`, `FIELD` or `RATE`; None if it takes no unit."""
-    return next((one.si for one in key.metadata if isinstance(one, Unit)), None)
+    return next((mark.si for mark in key.metadata if isinstance(mark, Unit)), None)
 
 
-def _take_units(found: Any) -> None:
+def _take_units(schema: Any) -> None:
     """Allow the numbers of a schema to be strings with a unit, too."""
-    if isinstance(found, dict):
-        if found.get("type") == "number":
-            found |= {"type": ["number", "string"], "pattern": f"^{QUANTITY}$"}
-        for name, inner in found.items():
+    if isinstance(schema, dict):
+        if schema.get("type") == "number":
+            schema |= {"type": ["number", "string"], "pattern": f"^{QUANTITY}$"}
+        for name, inner in schema.items():
             if name != "default":
                 _take_units(inner)
-    elif isinstance(found, list):
-        for inner in found:
+    elif isinstance(schema, list):
+        for inner in schema:
             _take_units(inner)
 
 
-def _no_truth_value(wanted: Literal["float_type", "int_type"]) -> BeforeValidator:
+def _no_truth_value(error: Literal["float_type", "int_type"]) -> BeforeValidator:
     """Refuse true and false, which Python would take for 1 and 0."""
 
     def check(value: Any) -> Any:
         if isinstance(value, bool):
-            raise PydanticKnownError(wanted)
+            raise PydanticKnownError(error)
         return value
 
     return BeforeValidator(check)
@@ -168,16 +168,15 @@ def _named_constants(name: str, units: Units | None, keys: Iterable[str]) -> dic
     material = named_materials().get(name)
     if material is None:
         return {}  # the table refuses the name
-    fits = [name for name, one in named_materials().items() if one.constants.keys() <= set(keys)]
-    if name not in fits:
+    fitting = [name for name, known in named_materials().items() if known.constants.keys() <= set(keys)]
+    if name not in fitting:
+        fluid, solid = 'type = "wave", whose field is the pressure of a fluid', 'type = "elastic" for a solid'
         raise InputError(
             f"such a model has no {' and no '.join(sorted(material.constants.keys() - set(keys)))}",
             value=name,
-            limit=", ".join(fits) or "none of the named materials",
+            limit=", ".join(fitting) or "none of the named materials",
             key="of",
-            remedy='one of these, or type = "wave", whose field is the pressure of a fluid'
-            if isinstance(material, Fluid)
-            else 'one of these, or type = "elastic" for a solid',
+            remedy=f"one of these, or {fluid if isinstance(material, Fluid) else solid}",
         )
     if units is None:
         raise InputError(
@@ -195,11 +194,11 @@ def _named_constants(name: str, units: Units | None, keys: Iterable[str]) -> dic
 
 def _unit_keys() -> dict[str, Any]:
     """The keys of the table of units."""
-    others = f"{', '.join([*MASS_BY][:-1])} and {[*MASS_BY][-1]}"
-    words = {name: f'Unit of {name}, such as "{si}".' for name, si in BASES.items()}
-    words["mass"] = f'Unit of mass, such as "kg"; it may follow instead from one of {others}.'
-    words |= {name: f'Unit of {name} instead of mass, such as "{si}".' for name, si in MASS_BY.items()}
-    return {name: (str | None, Field(None, description=text)) for name, text in words.items()}
+    quantities = f"{', '.join([*MASS_BY][:-1])} and {[*MASS_BY][-1]}"
+    texts = {name: f'Unit of {name}, such as "{si}".' for name, si in BASES.items()}
+    texts["mass"] = f'Unit of mass, such as "kg"; it may follow instead from one of {quantities}.'
+    texts |= {name: f'Unit of {name} instead of mass, such as "{si}".' for name, si in MASS_BY.items()}
+    return {name: (str | None, Field(None, description=text)) for name, text in texts.items()}
 
 
 class InitialPart(Part):
@@ -349,8 +348,9 @@ def tables() -> Tables:
 def _family(base: Any, first: Any) -> tuple[Any, ...]:
     """The classes of a family that can be made: one first, the others by name."""
     any_class = base in _OTHERS
-    known = [kind for kind in base.known.values() if not inspect.isabstract(kind) and (any_class or is_dataclass(kind))]
-    return tuple(sorted(known, key=lambda kind: (kind is not first, kind.__name__)))
+    concrete = [maker for maker in base.known.values() if not inspect.isabstract(maker)]
+    known = [maker for maker in concrete if any_class or is_dataclass(maker)]
+    return tuple(sorted(known, key=lambda maker: (maker is not first, maker.__name__)))
 
 
 @lru_cache(maxsize=16)
@@ -358,14 +358,14 @@ def _tables(known: Known) -> Tables:
     return Tables(known)
 
 
-def tag_of(kind: Any) -> str:
+def tag_of(maker: Any) -> str:
     """The `type` of a class in a case file."""
-    return getattr(kind, "tag", None) or kinds.hyphened(kind.__name__)
+    return getattr(maker, "tag", None) or kinds.hyphened(maker.__name__)
 
 
-def key_of(kind: Any) -> str:
+def key_of(maker: Any) -> str:
     """The key of a table of a class that is named by its key: of a shape or a recorder."""
-    return tag_of(kind).replace("-", "_")
+    return tag_of(maker).replace("-", "_")
 
 
 class Tables:
@@ -375,56 +375,58 @@ class Tables:
         self.known = known
         self._made: dict[Any, type[Part]] = {}
 
-    def of(self, kind: Any, typed: bool | None = None) -> type[Part]:
+    def of(self, maker: Any, typed: bool | None = None) -> type[Part]:
         """The table of a class or a function; it has a `type` unless `typed` is None, which is required if true."""
-        if (kind, typed) not in self._made:
-            self._made[kind, typed] = _table(kind, *self._keys(kind), typed)
-        return self._made[kind, typed]
+        if (maker, typed) not in self._made:
+            self._made[maker, typed] = _table(maker, *self._keys(maker), typed)
+        return self._made[maker, typed]
 
-    def _keys(self, kind: Any) -> tuple[dict[str, Any], dict[str, Argument]]:
+    def _keys(self, maker: Any) -> tuple[dict[str, Any], dict[str, Argument]]:
         """Keys of a class or a function with their types and fields, and how they give its arguments."""
-        texts, units = explained(kind)[1], self._units(kind)
+        texts, units = explained(maker)[1], self._units(maker)
         keys: dict[str, Any] = {}
         arguments: dict[str, Argument] = {}
-        for one in parameters(kind):
-            if PYTHON_ONLY in one.marks:
+        for parameter in parameters(maker):
+            if PYTHON_ONLY in parameter.marks:
                 continue
-            stated = one.mark(InFile)
-            default = stated.default if stated else one.default
+            name, stated = parameter.name, parameter.mark(InFile)
+            default = stated.default if stated else parameter.default
             needed = default is MISSING or default is REQUIRED
             options = []
-            for given in _ways(one, default, is_model(kind)):
-                found, its_keys = self._option(given, texts.get(one.name, ""), units)
-                options.append(found)
+            for given in _ways(parameter, default, is_model(maker)):
+                option, its_keys = self._option(given, texts.get(name, ""), units)
+                options.append(option)
                 keys |= its_keys
-            arguments[one.name] = Argument(tuple(options), needed, {one.name: default} if stated and not needed else {})
-        if is_model(kind) and "integrator" in keys and not issubclass(kind, fh.Wave | fh.Elastic):
+            arguments[name] = Argument(tuple(options), needed, {name: default} if stated and not needed else {})
+        if is_model(maker) and "integrator" in keys and not issubclass(maker, fh.Wave | fh.Elastic):
             words = "Number of stages of the integrator rkc; 20 unless given."
             keys["stages"] = (Whole | None, Field(None, description=words))
-        if is_model(kind) and issubclass(kind, fh.Wave) and "stencil" in keys:
+        if is_model(maker) and issubclass(maker, fh.Wave) and "stencil" in keys:
             words = "Order of accuracy of the finite differences: 2, unless given, 4, 6 or 8."
             keys["order"] = (Whole | None, Field(None, description=words))
-        if is_model(kind) and "density" in keys and {"young", "speed"} & keys.keys():
+        if is_model(maker) and "density" in keys and {"young", "speed"} & keys.keys():
             keys |= _of_material("the medium")
         return keys, arguments
 
-    def _option(self, one: Parameter, text: str, units: Mapping[str, str]) -> tuple[Option, dict[str, Any]]:
+    def _option(self, given: Parameter, text: str, units: Mapping[str, str]) -> tuple[Option, dict[str, Any]]:
         """One way to give an argument, and its keys with their types and fields."""
-        if hasattr(one.hint, "_fields"):  # a named tuple
-            inner = self._keys(one.hint)[0].items()
-            keys = {name: (takes, Field(None, description=field.description)) for name, (takes, field) in inner}
-            return Option(tuple(keys), None, one.hint), keys
-        takes = self._takes(one.hint, one.marks, one.default)
-        unit = one.mark(Unit) or (Unit(units[one.name]) if one.name in units else None)
-        default = list(one.default) if isinstance(one.default, tuple) else one.default  # as TOML writes it
+        name, default = given.name, given.default
+        if hasattr(given.hint, "_fields"):  # a named tuple
+            inner = self._keys(given.hint)[0].items()
+            keys = {key: (takes, Field(None, description=field.description)) for key, (takes, field) in inner}
+            return Option(tuple(keys), None, given.hint), keys
+        takes = self._takes(given.hint, given.marks, default)
+        unit = given.mark(Unit) or (Unit(units[name]) if name in units else None)
+        default = list(default) if isinstance(default, tuple) else default  # as TOML writes it
         needed = default is MISSING or default is REQUIRED
-        field = Field(... if needed else default, description=one.mark(str) or text)
-        return Option((one.name,), one.mark(Function)), {one.name: (Annotated[takes, unit] if unit else takes, field)}
+        field = Field(... if needed else default, description=given.mark(str) or text)
+        return Option((name,), given.mark(Function)), {name: (Annotated[takes, unit] if unit else takes, field)}
 
-    def _units(self, kind: Any) -> dict[str, str]:
+    def _units(self, maker: Any) -> dict[str, str]:
         """Units of parameters in all classes of the family of a class that state them; others need not state them."""
-        family: Sequence[Any] = next((some for some in self.known if kind in some), ())
-        stated = {(one.name, one.mark(Unit).si) for other in family for one in parameters(other) if one.mark(Unit)}
+        family: Sequence[Any] = next((classes for classes in self.known if maker in classes), ())
+        marked = [parameter for member in family for parameter in parameters(member) if parameter.mark(Unit)]
+        stated = {(parameter.name, parameter.mark(Unit).si) for parameter in marked}
         names = [name for name, _ in stated]
         return {name: si for name, si in stated if names.count(name) == 1}
 
@@ -434,10 +436,10 @@ class Tables:
         """
         options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
         stated = [takes for mark in marks if (takes := self._stated(mark)) is not None]
-        found = stated[:1] or [takes for option in options if (takes := self._of_toml(option)) is not None]
-        if found and NoneType in options and default is not REQUIRED:
-            found.append(None if default is None else Literal[False])
-        return reduce(or_, found) if found else Any
+        types = stated[:1] or [takes for option in options if (takes := self._of_toml(option)) is not None]
+        if types and NoneType in options and default is not REQUIRED:
+            types.append(None if default is None else Literal[False])
+        return reduce(or_, types) if types else Any
 
     def _stated(self, mark: Any) -> Any:
         """What a key takes by one of the annotations of its parameter; None if it does not say."""
@@ -475,46 +477,47 @@ class Tables:
     @cached_property
     def factor(self) -> Any:
         """A function of t: an expression, or the table of a signal."""
-        signals: dict[str, Any] = {tag_of(kind): self.of(kind, True) for kind in self.known.signals}
+        signals: dict[str, Any] = {tag_of(maker): self.of(maker, True) for maker in self.known.signals}
         return _tagged({_PLAIN: str | Number, **signals}, _PLAIN)
 
     @cached_property
     def region(self) -> type[Part]:
         """The table of a region."""
         keys: dict[str, Any] = {
-            key_of(kind): (self.of(kind) | None, Field(None, description=explained(kind)[0].partition(";")[0]))
-            for kind in self.known.shapes
+            key_of(maker): (self.of(maker) | None, Field(None, description=explained(maker)[0].partition(";")[0]))
+            for maker in self.known.shapes
         }
         keys["without"] = (list["RegionPart"], Field([], description="Regions that are taken out of it."))  # type: ignore[name-defined]  # noqa: F821
-        made = _made("RegionPart", Part, keys, "One shape, optionally with regions taken out of it.")
-        made.MAKER = Shape
-        return made
+        table = _made("RegionPart", Part, keys, "One shape, optionally with regions taken out of it.")
+        table.MAKER = Shape
+        return table
 
     @cached_property
     def material(self) -> type[Part]:
         """The table of a region of the medium: the constants of the models of one field."""
-        words = "Where the constants apply; later regions take precedence over earlier ones."
-        keys: dict[str, Any] = {"region": (self.region, Field(description=words)), **_of_material("the region")}
-        for kind in self.known.models:
-            own = self._keys(kind)[0]
-            for name in [one.name for one in parameters(kind) if one.mark(OfRegions)]:
-                keys.setdefault(name, (own[name][0], Field(None, description=own[name][1].description)))
+        text = "Where the constants apply; later regions take precedence over earlier ones."
+        keys: dict[str, Any] = {"region": (self.region, Field(description=text)), **_of_material("the region")}
+        for model in self.known.models:
+            of_model = self._keys(model)[0]
+            for name in [parameter.name for parameter in parameters(model) if parameter.mark(OfRegions)]:
+                takes, field = of_model[name]
+                keys.setdefault(name, (takes, Field(None, description=field.description)))
         return _made("MaterialPart", Part, keys, "Constants of the medium in a region, instead of those of the model.")
 
     @cached_property
     def case(self) -> type[CasePart]:
         """The table of a complete case file."""
         known = self.known
-        sides: Any = dict[str, _one_of([self.of(kind, True) for kind in known.sides])]  # type: ignore[misc]
+        sides: Any = dict[str, _one_of([self.of(maker, True) for maker in known.sides])]  # type: ignore[misc]
         words = "Field that it drives; for a thermoelastic solid it may be T, driven by a power per volume."
         field: dict[str, Any] = {"field": (Literal["u", "T"], Field("u", description=words))}
-        sources = {tag_of(kind): self.of(kind, True) for kind in known.sources}
+        sources = {tag_of(maker): self.of(maker, True) for maker in known.sources}
         sources["source"] = _made("SourcePart", self.of(fh.Source, False), field, explained(fh.Source)[0])
-        waves = {tag_of(kind): self.of(kind, kind is not fh.IncidentWave) for kind in known.waves}
+        waves = {tag_of(maker): self.of(maker, maker is not fh.IncidentWave) for maker in known.waves}
         takes: dict[str, Any] = {
             "units": UnitsPart | None,
             "lattice": self.of(fh.Lattice),
-            "model": _one_of([self.of(kind, True) for kind in known.models]),
+            "model": _one_of([self.of(maker, True) for maker in known.models]),
             "material": list[self.material],  # type: ignore[name-defined]
             "boundary": sides,
             "boundary_T": sides,
@@ -522,19 +525,19 @@ class Tables:
             "crack": list[self.of(fh.Crack)],  # type: ignore[misc]
             "source": list[_tagged(sources, "source")],  # type: ignore[misc]
             "incident": list[_tagged(waves, tag_of(fh.IncidentWave))],  # type: ignore[misc]
-            "load": list[_one_of([self.of(kind, True) for kind in known.loads])],  # type: ignore[misc]
-            "constraint": list[_one_of([self.of(kind, True) for kind in known.constraints])],  # type: ignore[misc]
+            "load": list[_one_of([self.of(maker, True) for maker in known.loads])],  # type: ignore[misc]
+            "constraint": list[_one_of([self.of(maker, True) for maker in known.constraints])],  # type: ignore[misc]
         }
         keys: dict[str, Any] = {}
         for name, hint in takes.items():
             base = CasePart.model_fields[name]
             keys[name] = (hint, Field(... if base.is_required() else base.default, description=base.description))
-        for kind in known.recorders:
-            one, many = self.of(kind), kind.several
-            field_of_it: Any = Field([] if many else None, description=explained(kind)[0])
-            if key_of(kind) in CasePart.model_fields:
-                raise InputError("a case file has such a table already", key=key_of(kind), remedy="another name or tag")
-            keys[key_of(kind)] = (list[one] if many else one | None, field_of_it)  # type: ignore[valid-type]
+        for recorder in known.recorders:
+            name, table = key_of(recorder), self.of(recorder)
+            if name in CasePart.model_fields:
+                raise InputError("a case file has such a table already", key=name, remedy="another name or tag")
+            default: Any = Field([] if recorder.several else None, description=explained(recorder)[0])
+            keys[name] = (list[table] if recorder.several else table | None, default)  # type: ignore[valid-type]
         return _made("CasePart", CasePart, keys)
 
 
@@ -546,31 +549,31 @@ class Parameter(NamedTuple):
     marks: tuple[Any, ...]
     default: Any
 
-    def mark(self, kind: type) -> Any:
-        """The first of its annotations of a kind; None if there is none."""
-        return next((mark for mark in self.marks if isinstance(mark, kind)), None)
+    def mark(self, mark_type: type) -> Any:
+        """The first of its annotations of a type; None if there is none."""
+        return next((mark for mark in self.marks if isinstance(mark, mark_type)), None)
 
 
 @lru_cache(maxsize=256)
-def parameters(kind: Any) -> tuple[Parameter, ...]:
+def parameters(maker: Any) -> tuple[Parameter, ...]:
     """The parameters of a class or a function."""
-    if "__dataclass_fields__" in vars(kind):
-        hints, given = _hints(kind), [(one.name, one.default) for one in fields(kind)]
+    if "__dataclass_fields__" in vars(maker):
+        hints, defaults = _hints(maker), [(field.name, field.default) for field in fields(maker)]
     else:
-        plain = not isinstance(kind, type) or hasattr(kind, "_fields")  # a function or a named tuple
-        hints = _hints(kind if plain else getattr(kind, "__init__"))  # noqa: B009 (mypy)
-        found = inspect.signature(kind).parameters.items()
-        given = [(name, MISSING if one.default is one.empty else one.default) for name, one in found]
-    return tuple(Parameter(name, *declared(hints.get(name, Any)), default) for name, default in given)
+        plain = not isinstance(maker, type) or hasattr(maker, "_fields")  # a function or a named tuple
+        hints = _hints(maker if plain else getattr(maker, "__init__"))  # noqa: B009 (mypy)
+        signature = inspect.signature(maker).parameters.items()
+        defaults = [(name, MISSING if given.default is given.empty else given.default) for name, given in signature]
+    return tuple(Parameter(name, *declared(hints.get(name, Any)), default) for name, default in defaults)
 
 
-def _ways(one: Parameter, default: Any, of_model: bool) -> list[Parameter]:
+def _ways(parameter: Parameter, default: Any, of_model: bool) -> list[Parameter]:
     """The ways in which a case file gives a parameter: as it is, or by the keys of a `OneOf`."""
-    stated: Any = one.mark(OneOf)
-    keys: dict[str, Any] = stated.keys if stated else _OPERATORS.get(one.name, {}) if of_model else {}
+    stated: Any = parameter.mark(OneOf)
+    keys: dict[str, Any] = stated.keys if stated else _OPERATORS.get(parameter.name, {}) if of_model else {}
     default = None if len(keys) > 1 else default
     ways = [Parameter(key, *declared(hint), default) for key, hint in keys.items()]
-    return ways or [one._replace(default=default)]
+    return ways or [parameter._replace(default=default)]
 
 
 def declared(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -579,14 +582,14 @@ def declared(hint: Any) -> tuple[Any, tuple[Any, ...]]:
         bare, marks = declared(hint.__origin__)
         return bare, (*marks, *hint.__metadata__)
     if get_origin(hint) in (Union, UnionType):
-        options = [declared(one) for one in get_args(hint)]
+        options = [declared(option) for option in get_args(hint)]
         return reduce(or_, [bare for bare, _ in options]), tuple(mark for _, marks in options for mark in marks)
     return hint, ()
 
 
-def is_model(kind: Any) -> bool:
+def is_model(maker: Any) -> bool:
     """Whether something is the class of a model."""
-    return isinstance(kind, type) and issubclass(kind, LatticeModel)
+    return isinstance(maker, type) and issubclass(maker, LatticeModel)
 
 
 def _hints(given: Any) -> dict[str, Any]:
@@ -598,9 +601,9 @@ def _hints(given: Any) -> dict[str, Any]:
 
 def _of_material(what: str) -> dict[str, Any]:
     """Keys of a named material."""
-    words = "Named material whose constants it has (`fh.materials`); those given in addition take precedence."
+    of = "Named material whose constants it has (`fh.materials`); those given in addition take precedence."
     name = f"Name of {what} in results, pictures and reports; that of a named material unless given."
-    return {"of": (Named | None, Field(None, description=words)), "name": (str | None, Field(None, description=name))}
+    return {"of": (Named | None, Field(None, description=of)), "name": (str | None, Field(None, description=name))}
 
 
 def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) -> Any:
@@ -609,16 +612,16 @@ def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) ->
     return create_model(name, __base__=base, __doc__=doc, __cls_kwargs__=settings, **keys)
 
 
-def _table(kind: Any, keys: dict[str, Any], arguments: Mapping[str, Argument], typed: bool | None) -> type[Part]:
+def _table(maker: Any, keys: dict[str, Any], arguments: Mapping[str, Argument], typed: bool | None) -> type[Part]:
     """The table of a class or a function with these keys; see `Tables.of`."""
-    brief = explained(kind)[0]
+    brief = explained(maker)[0]
     if typed is not None:
-        tag = tag_of(kind)
+        tag = tag_of(maker)
         keys = {"type": (Literal[tag], Field(... if typed else tag, description=brief)), **keys}
-    inner = "Inner" if is_model(kind) and not typed else ""
-    made: type[Part] = _made(f"{inner}{kind.__name__}Part", Part, keys, brief)
-    made.MAKER, made.ARGUMENTS = kind, arguments
-    return made
+    inner = "Inner" if is_model(maker) and not typed else ""
+    table: type[Part] = _made(f"{inner}{maker.__name__}Part", Part, keys, brief)
+    table.MAKER, table.ARGUMENTS = maker, arguments
+    return table
 
 
 def _one_of(parts: Sequence[type[Part]]) -> Any:
@@ -632,21 +635,22 @@ def _tagged(options: Mapping[str, Any], plain: str) -> Any:
     def tag(value: Any) -> Any:
         return value.get("type", plain) if isinstance(value, Mapping) else getattr(value, "type", plain)
 
-    return Annotated[reduce(or_, [Annotated[one, Tag(name)] for name, one in options.items()]), Discriminator(tag)]
+    tagged = [Annotated[takes, Tag(name)] for name, takes in options.items()]
+    return Annotated[reduce(or_, tagged), Discriminator(tag)]
 
 
-def explained(kind: Any) -> tuple[str, dict[str, str]]:
+def explained(maker: Any) -> tuple[str, dict[str, str]]:
     """First paragraph of a docstring; and for each parameter, its choice of values and its description."""
-    bases = kind.__mro__[1:] if isinstance(kind, type) else ()
-    says = explained(bases[0])[1] if bases else {}
-    text = inspect.cleandoc(kind.__doc__ or "")
-    listed = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+$|\Z)", text, re.DOTALL | re.MULTILINE)
-    one = re.compile(r"^(\w[\w, ]*?)(?: : ([^\n]*))?\n((?:[ \t]+[^\n]*\n|\n)*)", re.MULTILINE)
-    for names, given, below in one.findall(f"{listed[1]}\n" if listed else ""):
-        choice = re.match(r"\{(.*)\}", given)
-        words = f"{choice[1]}. {_line(below)}".strip() if choice else _line(below)
-        says |= {name.strip(): words for name in names.split(",") if words}
-    return _line(text.split("\n\n")[0]), says
+    bases = maker.__mro__[1:] if isinstance(maker, type) else ()
+    texts = explained(bases[0])[1] if bases else {}
+    docstring = inspect.cleandoc(maker.__doc__ or "")
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+$|\Z)", docstring, re.DOTALL | re.MULTILINE)
+    entry = re.compile(r"^(\w[\w, ]*?)(?: : ([^\n]*))?\n((?:[ \t]+[^\n]*\n|\n)*)", re.MULTILINE)
+    for names, hint, below in entry.findall(f"{section[1]}\n" if section else ""):
+        choice = re.match(r"\{(.*)\}", hint)
+        text = f"{choice[1]}. {_line(below)}".strip() if choice else _line(below)
+        texts |= {name.strip(): text for name in names.split(",") if text}
+    return _line(docstring.split("\n\n")[0]), texts
 
 
 def _line(text: str) -> str:

@@ -125,19 +125,10 @@ def _value(node: ast.expr) -> Unit:
 
 
 class Units:
-    """The units in which a case gives its numbers.
+    """The units in which a case gives its numbers, by the table ``[units]``: of quantities in `BASES`, and possibly one
+    of `MASS_BY` in place of the mass. `field` is the SI unit of the field u, or `ANY`.
 
-    Parameters
-    ----------
-    given : mapping of str to str
-        The table ``[units]``: quantities in `BASES`, and possibly one of `MASS_BY` in place of the mass.
-    field : str
-        SI unit of the field u, or `ANY`.
-
-    Raises
-    ------
-    InputError
-        An unknown unit, one that measures something else, or more than one that determines the mass.
+    InputError for an unknown unit, one that measures something else, or more than one that determines the mass.
     """
 
     def __init__(self, given: Mapping[str, str], field: str = ANY) -> None:
@@ -145,32 +136,27 @@ class Units:
         self._bases: dict[str, tuple[str, Unit]] = {}
         for name, text in given.items():
             try:
-                found, usual = unit(text), {**BASES, **MASS_BY}[name]
+                given_unit, usual = unit(text), {**BASES, **MASS_BY}[name]
             except InputError as error:
                 raise error.at(f"units.{name}") from None
-            if found.powers != unit(usual).powers:
+            if given_unit.powers != unit(usual).powers:
                 raise InputError(f"is not a unit of {name}", value=text, limit=f"such as {usual}", key=f"units.{name}")
             base = "mass" if name in MASS_BY else name
             if base in self._bases:
-                masses = [one for one in given if one == "mass" or one in MASS_BY]
+                masses = [quantity for quantity in given if quantity == "mass" or quantity in MASS_BY]
                 raise InputError("the unit of mass follows from one of them", value=", ".join(masses), key="units")
-            self._bases[base] = text, found
+            self._bases[base] = text, given_unit
 
     def number(self, value: float, text: str, si: str, key: str) -> float:
-        """A number with a unit, converted to the units of the case.
-
-        Raises
-        ------
-        InputError
-            The unit is unknown, measures something else than the key takes, or measures something for which the case
-            has no unit.
+        """A number with a unit, converted to the units of the case; InputError for a unit that is unknown, that
+        measures something else than the key takes, or something for which the case has no unit.
         """
-        own = _known_unit(text, key)
-        given, wanted = f"{value:g} {text}", self._named.get(si, si)
-        if wanted != ANY and own.powers != unit(wanted).powers:
-            raise InputError("the unit measures something else", value=given, limit=f"such as {wanted}", key=key)
-        scale, shares = 1.0, self._shares(own.powers)
-        for base, power in shares.items():
+        given_unit = _known_unit(text, key)
+        given, expected = f"{value:g} {text}", self._named.get(si, si)
+        if expected != ANY and given_unit.powers != unit(expected).powers:
+            raise InputError("the unit measures something else", value=given, limit=f"such as {expected}", key=key)
+        scale, exponents = 1.0, self._exponents(given_unit.powers)
+        for base, power in exponents.items():
             if base not in self._bases:
                 raise InputError(
                     f"the case has no unit of {base}",
@@ -179,21 +165,21 @@ class Units:
                     remedy=f'{base} = "{BASES[base]}" in [units]',
                 )
             scale *= self._bases[base][1].scale ** power
-        zero = own.zero - self._bases["temperature"][1].zero if shares == {"temperature": 1} else 0.0
-        return float(f"{(value * own.scale + zero) / scale:.15g}")  # without rounding errors of the conversion
+        zero = given_unit.zero - self._bases["temperature"][1].zero if exponents == {"temperature": 1} else 0.0
+        return float(f"{(value * given_unit.scale + zero) / scale:.15g}")  # without rounding errors of the conversion
 
     def name(self, si: str) -> str:
         """The unit of the case for what an SI unit measures, as text; empty if the case has none."""
         si = self._named.get(si, si)
-        shares = self._shares(unit(si).powers) if si != ANY else {}
-        if not shares or not shares.keys() <= self._bases.keys():
+        exponents = self._exponents(unit(si).powers) if si != ANY else {}
+        if not exponents or not exponents.keys() <= self._bases.keys():
             return ""
-        above = [_power(self._bases[base][0], power) for base, power in shares.items() if power > 0]
-        below = [_power(self._bases[base][0], -power) for base, power in shares.items() if power < 0]
+        above = [_power(self._bases[base][0], power) for base, power in exponents.items() if power > 0]
+        below = [_power(self._bases[base][0], -power) for base, power in exponents.items() if power < 0]
         over = " ".join(below) if len(below) < 2 else f"({' '.join(below)})"
         return " ".join(above or ["1"]) + (f"/{over}" if over else "")
 
-    def _shares(self, powers: tuple[int, ...]) -> dict[str, int]:
+    def _exponents(self, powers: tuple[int, ...]) -> dict[str, int]:
         """Exponents of the units of the case in a unit with the given powers of SI units."""
         # the quantity that determines the mass contains it in the first power, and also length and time
         mass = self._bases["mass"][1].powers if "mass" in self._bases else _SYMBOLS["kg"].powers
@@ -209,15 +195,11 @@ def _power(text: str, power: int) -> str:
 
 
 def plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
-    """The value of a key, which measures an SI unit, with plain numbers in place of those with units.
-
-    Raises
-    ------
-    InputError
-        A number with a unit in a case that has no ``[units]``, or a number over a unit; otherwise as `Units.number`.
+    """The value of a key, which measures an SI unit, with plain numbers in place of those with units; InputError for a
+    number with a unit in a case that has no ``[units]``, for a number over a unit, and as in `Units.number`.
     """
     if isinstance(value, list):
-        return [plain(one, si, units, f"{key}[{i}]") for i, one in enumerate(value)]
+        return [plain(entry, si, units, f"{key}[{i}]") for i, entry in enumerate(value)]
     if si is None or not isinstance(value, str):
         return value
     if not re.fullmatch(QUANTITY, value):

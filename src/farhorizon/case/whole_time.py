@@ -21,24 +21,11 @@ _PANELS = 4  # panels of a picture
 
 
 def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, float]:
-    """Seconds that each part of a run takes on this machine; a row about them is added to the report.
+    """Seconds that each part of a run (at its start, with the probes of the case) takes on this machine; a row about
+    them is added to its report.
 
-    Files and pictures are timed by a trial: two outputs, a checkpoint and a picture, in a temporary folder.
-
-    Parameters
-    ----------
-    case : Case
-    run : Run
-        A run of it, at its start, with the probes of the case.
-    report : Report
-        Its report, with the time of its steps.
-    start : float
-        Seconds from the start of the command to the first step, without compilation.
-
-    Returns
-    -------
-    dict of str to float
-        "start", "examination", "steps", "files", "pictures".
+    Files and pictures are timed by a trial: two outputs, a checkpoint and a picture, in a temporary folder. `start` is
+    the time from the start of the command to the first step, without compilation.
     """
     outputs = 1 + int(np.ceil(report.numbers["steps"] * run.dt / case.every(run.dt) - 1e-9))
     certificate, steps = report.certificate, report.numbers["seconds"]
@@ -52,10 +39,11 @@ def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, 
         "files": files,
         "pictures": pictures,
     }
-    whole = sum(parts.values())
-    told = ", ".join(f"{name} {seconds(part)}" for name, part in parts.items() if part > 0.01 * whole)
-    report.numbers["seconds_in_all"] = whole
-    report.rows.append(("time in all", f"about {seconds(whole)}: {told} ({outputs} outputs)"))
+    total = sum(parts.values())
+    # parts of less than a hundredth are not worth a word
+    shown = ", ".join(f"{name} {seconds(part)}" for name, part in parts.items() if part > 0.01 * total)
+    report.numbers["seconds_in_all"] = total
+    report.rows.append(("time in all", f"about {seconds(total)}: {shown} ({outputs} outputs)"))
     return parts
 
 
@@ -65,15 +53,11 @@ def _files(case: Case, run: Run, folder: Path, outputs: int) -> float:
     made = RunResults.begin(run, folder / "a.h5", case.fields, dtype=out.dtype, compress=out.compress)
     made.append()
     begin = time.perf_counter()
-    values = fields_of(run, made.own.fields)
-    made.own.append(run.step_count + 1, run.dt, values, energy=run.energy(), balance=_balance(made, run))
-    one = time.perf_counter() - begin
+    values, balance = fields_of(run, made.own.fields), run.balance() if made.own.accounts else None
+    made.own.append(run.step_count + 1, run.dt, values, energy=run.energy(), balance=balance)
+    an_output = time.perf_counter() - begin
     run.save(folder / "a.ckpt")
-    return outputs * one + 2 * (time.perf_counter() - begin - one)
-
-
-def _balance(made: RunResults, run: Run) -> dict[str, float] | None:
-    return run.balance() if made.own.accounts else None
+    return outputs * an_output + 2 * (time.perf_counter() - begin - an_output)
 
 
 def _pictures(case: Case, run: Run, folder: Path) -> float:
@@ -83,13 +67,15 @@ def _pictures(case: Case, run: Run, folder: Path) -> float:
     fields = fields_of(run, case.fields)
     drawn = scalars(fields, case.lattice.dim)
     more = 1 + bool(case.parts.output.probes) + case.parts.output.balance + len(run.recorders)
-    _, values = next(iter(drawn.values()))
+    scalar = next(iter(drawn.values()))
+    values = scalar.of(fields[scalar.field])
     begin = time.perf_counter()
     with without_collection():
         from matplotlib.backends import backend_agg  # noqa: F401
 
         from farhorizon.pictures.fields import field_panels
+        from farhorizon.pictures.panels import Panel
     loaded = time.perf_counter() - begin
-    field_panels([(f"t = {k}", values) for k in range(_PANELS)], case.lattice.axes, folder / "u.png")
+    field_panels([Panel(f"t = {k}", values) for k in range(_PANELS)], case.lattice.axes, folder / "u.png")
     each = time.perf_counter() - begin - loaded
     return loaded + (len(drawn) + more) * each

@@ -60,6 +60,7 @@ UNDECIDED: Verdict = "undecided"
 BUDGET = 30.0  # seconds that a certificate may take on a typical core
 _WIDE = 1500  # numbers in the state of a strip on a line, or of one widened where a mode grows, at most
 _CROSSINGS = 200_000  # longest run from noise whose map is known as a matrix
+_KEPT = ("verdict", "reason", "rate", "error", "crossing", "seconds", "quiet", "work")  # of a certificate in the cache
 PATIENCE = 2.0  # seconds for which rising noise may be followed before a run, on a typical core
 _WHOLE = 10.0  # seconds up to which noise may run in a set-up as it is, or half of the run where that is longer
 _MATTERS = 10.0  # a run is refused if something grows by this factor within it
@@ -209,8 +210,8 @@ class Certificate:
 
     def in_full(self, until: float) -> str:
         """What is known about a run of the given length, how it was determined, and what was not examined."""
-        known = self.reason if self._enough(until) else f"{self.verdict}: {self.reason}"
-        return known + "".join(f"; not examined: {part}" for part in self.skipped)
+        verdict = self.reason if self._enough(until) else f"{self.verdict}: {self.reason}"
+        return verdict + "".join(f"; not examined: {part}" for part in self.skipped)
 
     def _enough(self, until: float) -> bool:
         """Whether there is no verdict but none is needed, because noise did not grow for as long as the run lasts."""
@@ -219,12 +220,9 @@ class Certificate:
     def remark(self, until: float) -> str:
         """What the user should know before a run of the given length; empty if there is nothing to report."""
         if self.verdict == NOT_CERTIFIED:
-            so = (
-                f"{np.exp(min(self.rate * until, 700)):.2g}-fold in this run"
-                if np.isfinite(self.rate)
-                else "in this run"
-            )
-            return f"not stable, {so}: {self.reason}"
+            exponent = min(self.rate * until, 700)  # whose exponential is a finite number
+            factor = f"{np.exp(exponent):.2g}-fold " if np.isfinite(self.rate) else ""
+            return f"not stable, {factor}in this run: {self.reason}"
         if self.verdict == UNDECIDED and not self._enough(until):
             longer = ", but the run is longer" if self.quiet else ""
             return (
@@ -273,91 +271,67 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     for each tangential wavenumber, and all eigenvalues of that chain are computed. Corners, edges and faces that run
     into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map. A medium that
     varies is examined as it is, or, for noise that would take too long in it, in a copy that contains all pairs of
-    adjoining media; a uniform medium says nothing about it. Where there are
-    layers on all sides and both sides of an axis are the same, that copy keeps one of them and the other side is held
-    fixed, because all corners are alike. A mode between two sides that grows so slowly that the other sides may absorb
-    it first (as they do long surface waves) is examined on the near field as it is.
+    adjoining media; a uniform medium says nothing about it. Where there are layers on all sides and both sides of an
+    axis are the same, that copy keeps one of them and the other side is held fixed, because all corners are alike. A
+    mode between two sides that grows so slowly that the other sides may absorb it first (as they do long surface waves)
+    is examined on the near field as it is.
 
-    Parameters
-    ----------
-    sim : Examined
-    budget : float
-        Seconds of a typical core, by number of operations; what would take longer is skipped, and the certificate says
-        so.
-    until : float
-        Length of the run for which stability is examined. Where it is shorter than the run from noise, the noise runs
-        only for this long.
-    brief : bool
-        Whether a run is about to begin: noise then takes as long as it needs, and if it ran for as long as the run, or
-        grew, no modes are examined. If false, noise takes at most half of `budget`, and modes are examined afterwards.
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    InputError
-        The budget is not a number, not finite or negative.
+    `budget` is in seconds of a typical core, by number of operations; what would take longer is skipped, and the
+    certificate says so. Noise runs at most for the length `until` of the run. With `brief` a run is about to begin:
+    noise then takes as long as it needs, and if it ran for as long as the run, or grew, no modes are examined;
+    otherwise noise takes at most half of the budget, and modes are examined afterwards.
     """
     budget = kinds.number(budget, "budget", least=0)
-    if sim.model.bond_law is not None:
-        found = certify(
-            sim.remade(
-                model=sim.given["model"].linearised,
-                **{name: sim.given[name] for name in ("boundary", "coefficient", "dt")},
-                balance=False,
-                loads=(),
-            ),
-            budget,
-            until,
-            brief,
-        )
-        still = " and nothing heats" if any(getattr(load, "coupled", False) for load in sim.given["loads"]) else ""
-        return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks{still}")
-    if sim.of_field:
-        still = sim.given["model"].at_background
-        given = {name: sim.given[name] for name in ("boundary", "coefficient", "dt")}
-        found = certify(sim.remade(model=still, sources=(), **given), budget, until, brief)
-        return replace(found, reason=f"{found.reason}; that of the linear form, as at the background, without sources")
-    if sim.growth:
-        still = sim.given["model"].with_stencil(sim.stencil.with_reaction(0.0))
-        given = {name: sim.given[name] for name in ("boundary", "coefficient", "dt")}
-        found = certify(sim.remade(model=still, **given), budget, until, brief)
-        return replace(
-            found, reason=f"{found.reason}; apart from the growth of the medium itself, {sim.growth:.3g} per unit time"
-        )
-    if any(b.extended for b in sim.sides.values()):
-        sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}
-        found = certify(sim.remade(boundary=sides), budget, until, brief)
-        return replace(found, reason=f"{found.reason}; extending the medium beyond the sides changes nothing")
+    if (simpler := _simpler(sim)) is not None:
+        certificate = certify(simpler[0], budget, until, brief)
+        return replace(certificate, reason=f"{certificate.reason}; {simpler[1]}")
     begin = time.monotonic()
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
     if sim.model.dissolution is not None and (sim.engine.dissolved == NEVER).any():
-        found = certify(sim.remade(specimens=()), budget, until, brief)
-        return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
+        certificate = certify(sim.remade(specimens=()), budget, until, brief)
+        return replace(certificate, reason=f"{certificate.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)
-    known = _recall(path)
-    if known is not None:
-        return known
+    cached = _recall(path)
+    if cached is not None:
+        return cached
     with progress(bar_format="stability: {desc}") as bar:
-        found, whole, work = _examined(sim, budget, until, brief, bar.set_description_str)
-    found = replace(found, seconds=time.monotonic() - begin, work=work)
-    if whole:
-        _keep(path, found)
-    return found
+        certificate, complete, work = _examined(sim, budget, until, brief, bar.set_description_str)
+    certificate = replace(certificate, seconds=time.monotonic() - begin, work=work)
+    if complete:
+        _keep(path, certificate)
+    return certificate
+
+
+def _simpler(sim: Examined) -> tuple[Examined, str] | None:
+    """A set-up whose stability is that of this one, and what the certificate says of it; None if there is none."""
+    given = {name: sim.given[name] for name in ("boundary", "coefficient", "dt")}
+    if sim.model.bond_law is not None:
+        heats = " and nothing heats" if any(getattr(load, "coupled", False) for load in sim.given["loads"]) else ""
+        linear = sim.remade(model=sim.given["model"].linearised, **given, balance=False, loads=())
+        return linear, f"that of the linear form, in which no bond breaks{heats}"
+    if sim.of_field:
+        linear = sim.remade(model=sim.given["model"].at_background, sources=(), **given)
+        return linear, "that of the linear form, as at the background, without sources"
+    if sim.growth:
+        neutral = sim.given["model"].with_stencil(sim.stencil.with_reaction(0.0))
+        remark = f"apart from the growth of the medium itself, {sim.growth:.3g} per unit time"
+        return sim.remade(model=neutral, **given), remark
+    if any(b.extended for b in sim.sides.values()):
+        sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}
+        return sim.remade(boundary=sides), "extending the medium beyond the sides changes nothing"
+    return None
 
 
 def _examined(
-    sim: Examined, budget: float, until: float, brief: bool, tell: Callable[[str], None]
+    sim: Examined, budget: float, until: float, brief: bool, report: Callable[[str], None]
 ) -> tuple[Certificate, bool, float]:
-    """The certificate, whether nothing was left out, and the operations; `tell` is called with what is examined."""
+    """The certificate, whether nothing was left out, and the operations; `report` is called with what is examined."""
     parts: list[ExaminedPart] = []
     slow: list[ExaminedPart] = []
     skipped: list[str] = []
-    tell("a run from white noise")
+    report("a run from white noise")
     follows = brief and bool(np.isfinite(until))
     rounds = until / sim.dt / sim.engine.tables.filter.every
     short = Allowance(max(_WHOLE, rounds * _cost(sim) / 2) if follows else budget / 2)
@@ -377,7 +351,7 @@ def _examined(
             if allowance.left <= 0:
                 skipped.append(f"{name} (nothing left of a budget of {budget:.3g})")
                 continue
-            tell(f"{name}, about {allowance.left:.0f} s at most")
+            report(f"{name}, about {allowance.left:.0f} s at most")
             try:
                 part, left_out = examine(allowance)
             except TimeoutError:
@@ -398,14 +372,14 @@ def _examined(
                 parts, skipped = _with_whole(sim, slow, parts, skipped, allowance)
     except InputError:  # such as a window that a smaller copy does not have
         skipped.append("pairs of sides and corners, of which no smaller copy can be made")
-    found = judge(parts, skipped, sim.crossing, quiet, where)
-    examined = found.verdict == CERTIFIED and bool(slow)  # the complete set-up, which says more than a copy
-    if grown is not None and found.verdict != NOT_CERTIFIED and not examined:
-        found = judge([*parts, grown], skipped, sim.crossing)
-    return _short_lived(sim, found), not skipped, work()
+    certificate = judge(parts, skipped, sim.crossing, quiet, where)
+    examined = certificate.verdict == CERTIFIED and bool(slow)  # the complete set-up, which says more than a copy
+    if grown is not None and certificate.verdict != NOT_CERTIFIED and not examined:
+        certificate = judge([*parts, grown], skipped, sim.crossing)
+    return _short_lived(sim, certificate), not skipped, work()
 
 
-def told(rate: float, crossing: float) -> str:
+def rate_text(rate: float, crossing: float) -> str:
     """A growth per crossing in words; a crossing takes the time `crossing`."""
     return f"{rate:.2g} per crossing ({rate / crossing:.2g} per unit time)"
 
@@ -413,18 +387,8 @@ def told(rate: float, crossing: float) -> str:
 def judge(
     parts: list[ExaminedPart], skipped: list[str], crossing: float, quiet: float = 0.0, where: str = ""
 ) -> Certificate:
-    """Verdict that follows from the parts that were computed and those that were not.
-
-    Parameters
-    ----------
-    parts : list of ExaminedPart
-    skipped : list of str
-    crossing : float
-        Crossing time.
-    quiet : float
-        Time over which white noise did not grow.
-    where : str
-        What it ran in.
+    """Verdict that follows from the parts that were computed and those that were skipped; white noise did not grow over
+    the time `quiet` in the set-up named `where`.
     """
     noise = f"white noise in {where} does not grow for t = {quiet:.3g}" if quiet else ""
     if not parts:
@@ -433,62 +397,49 @@ def judge(
     growths = [p.growth for p in parts]
     growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
     part = next(p for p in parts if p.growth is growth)
-    found: tuple[float, float, float, tuple[ExaminedPart, ...], tuple[str, ...], float, float] = (
-        growth.rate / crossing,
-        growth.error / crossing,
-        crossing,
-        tuple(parts),
-        tuple(skipped),
-        0.0,
-        quiet,
-    )
+    rate, error = growth.rate / crossing, growth.error / crossing
+    blank = Certificate(UNDECIDED, "", rate, error, crossing, tuple(parts), tuple(skipped), quiet=quiet)
     if growth.stable is False:
-        how = (
-            f"a mode grows by {told(growth.rate, crossing)}, tenfold in {np.log(10) * crossing / growth.rate:.3g} "
-            f"({part.name})"
-        )
-        return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
+        tenfold = np.log(10) * crossing / growth.rate
+        reason = f"a mode grows by {rate_text(growth.rate, crossing)}, tenfold in {tenfold:.3g} ({part.name})"
+        return replace(blank, verdict=NOT_CERTIFIED, reason=part.name if part.drifts else reason)
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
         doubt = f"the fastest mode could not be distinguished from a growing one ({', '.join(unclear)})"
-        return Certificate(UNDECIDED, "; ".join(filter(None, [noise, doubt])), *found)
-    looked = ", ".join(p.name for p in parts)
-    noisy = [p for p in parts if p.growth.hidden]
-    if noisy and not skipped:
-        rest = ", ".join(p.name for p in parts if p not in noisy)
-        known = ", ".join(
-            f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would go unnoticed" for p in noisy
-        )
-        return Certificate(
-            CERTIFIED,
-            f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})",
-            *found,
-        )
+        return replace(blank, reason="; ".join(filter(None, [noise, doubt])))
+    names = ", ".join(p.name for p in parts)
     if skipped:
-        looked = f"nothing grows as far as was examined ({looked})"
-        return Certificate(UNDECIDED, "; ".join(filter(None, [noise, looked])), *found)
-    return Certificate(
-        CERTIFIED,
-        f"the slowest mode decays by {told(-growth.rate, crossing)} ({looked})"
-        if growth.rate < 0
-        else f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({looked})",
-        *found,
-    )
+        so_far = f"nothing grows as far as was examined ({names})"
+        return replace(blank, reason="; ".join(filter(None, [noise, so_far])))
+    noisy = [p for p in parts if p.growth.hidden]
+    if noisy:
+        without_noise = ", ".join(p.name for p in parts if p not in noisy)
+        decays = "white noise decays ({})".format(
+            ", ".join(
+                f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would go unnoticed" for p in noisy
+            )
+        )
+        reason = f"no mode grows ({without_noise}); {decays}" if without_noise else decays
+    elif growth.rate < 0:
+        reason = f"the slowest mode decays by {rate_text(-growth.rate, crossing)} ({names})"
+    else:
+        reason = f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({names})"
+    return replace(blank, verdict=CERTIFIED, reason=reason)
 
 
-def _short_lived(sim: Examined, found: Certificate) -> Certificate:
+def _short_lived(sim: Examined, certificate: Certificate) -> Certificate:
     """The certificate; certified if exact ends let nothing grow e-fold in the steps for which their sums are made, over
     which they follow the infinite chain, whose energy does not grow.
     """
     ends = sim.exact_ends
-    if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
-        return found
-    gain = f"until then their fastest mode grows by a factor of {np.exp(found.rate * ends.steps * sim.dt):.3g}"
-    return replace(
-        found,
-        verdict=CERTIFIED,
-        reason=f"the ends follow the infinite chain for {ends.steps} steps and are then recomputed; {gain}",
-    )
+    if ends is None or sim.engine.layers or certificate.verdict == CERTIFIED:
+        return certificate
+    exponent = certificate.rate * ends.steps * sim.dt
+    if not exponent < 1:
+        return certificate
+    gain = f"until then their fastest mode grows by a factor of {np.exp(exponent):.3g}"
+    reason = f"the ends follow the infinite chain for {ends.steps} steps and are then recomputed; {gain}"
+    return replace(certificate, verdict=CERTIFIED, reason=reason)
 
 
 # --- cached certificates ---------------------------------------------------------------------------------------
@@ -512,55 +463,21 @@ def _recall(path: Path) -> Certificate | None:
     if arrays is None:
         return None
     words = json.loads(str(arrays["words"]))
-    parts = [
-        ExaminedPart(
-            p["name"],
-            Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]),
-            arrays[f"field{i}"],
-            p["drifts"],
-        )
-        for i, p in enumerate(words["parts"])
+    parts = []
+    for i, (name, rate, error, real, imaginary, hidden, drifts) in enumerate(words.pop("parts")):
+        growth = Growth(rate, error, complex(real, imaginary), np.zeros(0), hidden)
+        parts.append(ExaminedPart(name, growth, arrays[f"field{i}"], drifts))
+    return Certificate(**words, parts=tuple(parts))
+
+
+def _keep(path: Path, certificate: Certificate) -> None:
+    words = {name: getattr(certificate, name) for name in _KEPT}
+    words["parts"] = [
+        (p.name, g.rate, g.error, g.factor.real, g.factor.imag, g.hidden, p.drifts)
+        for p in certificate.parts
+        for g in [p.growth]
     ]
-    return Certificate(
-        words["verdict"],
-        words["reason"],
-        words["rate"],
-        words["error"],
-        words["crossing"],
-        tuple(parts),
-        (),
-        words["seconds"],
-        words["quiet"],
-        words["work"],
-    )
-
-
-def _keep(path: Path, found: Certificate) -> None:
-    rows = []
-    for p in found.parts:
-        factor = [p.growth.factor.real, p.growth.factor.imag]
-        rows.append(
-            {
-                "name": p.name,
-                "rate": p.growth.rate,
-                "error": p.growth.error,
-                "factor": factor,
-                "hidden": p.growth.hidden,
-                "drifts": p.drifts,
-            }
-        )
-    words = {
-        "verdict": found.verdict,
-        "reason": found.reason,
-        "rate": found.rate,
-        "error": found.error,
-        "crossing": found.crossing,
-        "quiet": found.quiet,
-        "seconds": found.seconds,
-        "work": found.work,
-        "parts": rows,
-    }
-    keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})
+    keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(certificate.parts)})
 
 
 # --- proofs ----------------------------------------------------------------------------------------------------
@@ -588,16 +505,16 @@ def _proof(sim: Examined) -> str:
         tables = sim.engine.tables
         lightest = float(tables.material.coefficient.max() * tables.mobility.max()) if tables.mobility.size else 0.0
         bonds = (lightest or sim.strongest) * float(sim.engine.weights.sum())
-        share = sim.dt * (bonds + sim.engine.reaction + float(sim.leak.max(initial=0)) + damped)
-        if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
+        change = sim.dt * (bonds + sim.engine.reaction + float(sim.leak.max(initial=0)) + damped)  # of the old value
+        if model.integrator.name == "forward Euler" and positive and change <= 1 and rows.max(initial=0) <= 1 + 1e-12:
             return (
                 "each new value is, up to its sign, a mean of old ones with non-negative weights: the maximum "
                 "cannot grow"
             )
         return ""
-    whole = all(b.bonded for b in sides) and not (sim.engine.absent.count or sim.varied)
+    complete = all(b.bonded for b in sides) and not (sim.engine.absent.count or sim.varied)  # no bond is missing
     limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
-    if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
+    if (positive or complete) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
         return (
             "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
         )
@@ -615,12 +532,9 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
     ):
         return ""
     if model.order == 1:
-        share = sim.dt * sim.strongest * float(sim.engine.weights.sum())
-        if (
-            positive
-            and share <= 1
-            and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt / sim.crossing
-        ):
+        change = sim.dt * sim.strongest * float(sim.engine.weights.sum())  # of the old value
+        largest = 1 + stability.TOLERANCE * sim.dt / sim.crossing
+        if positive and change <= 1 and largest_update(closure.update) <= largest:
             return "each new value, fitted ones included, is at most a mean of old ones: the maximum cannot grow"
         return ""
     if not all(b.passive for b in sim.sides.values()):
@@ -651,11 +565,11 @@ def _with_whole(
     worst = max(slow, key=lambda p: p.growth.rate)
     name = (
         "the complete update, because with infinitely long sides a mode would grow by "
-        f"{told(worst.growth.rate, sim.crossing)} ({worst.name})"
+        f"{rate_text(worst.growth.rate, sim.crossing)} ({worst.name})"
     )
-    whole = _krylov_part(name, plain_twin(sim), sim.crossing, allowance)
-    if not (whole.growth.rate == 0 and np.isinf(whole.growth.error)):
-        return [*parts, whole], skipped
+    complete = _krylov_part(name, plain_twin(sim), sim.crossing, allowance)
+    if not (complete.growth.rate == 0 and np.isinf(complete.growth.error)):
+        return [*parts, complete], skipped
     return parts, [*skipped, f"{name} (the budget is used up)"]
 
 
@@ -675,32 +589,32 @@ def _examinations(sim: Examined) -> Iterator[Examination]:
     if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
-    whole: Examination = (
+    complete: Examination = (
         "the complete update",
         lambda allowance: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, allowance), []),
     )
     # what grows at the sides of a uniform medium says nothing about one that varies, nor a copy about a guide
     if sim.varied or _guides(sim):
-        yield whole
+        yield complete
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
     examined: list[int] = []
     # what is stable between sides close together is also stable between sides farther apart
     for axis in sorted(layered, key=lambda axis: sim.lattice.shape[axis]):
-        if not any(_same_sides(sim, axis, other) for other in examined):
+        if not any(_same_sides(sim, axis, earlier) for earlier in examined):
             yield f"sides {AXES[axis]}", partial(_side_part, sim, axis)
             examined.append(axis)
-    others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
-    if layered and all(b.periodic for b in others) and not sim.conditions.nodes.size:
+    beside_layers = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
+    if layered and all(b.periodic for b in beside_layers) and not sim.conditions.nodes.size:
         return
     # whether the condition along an outline grows depends on the course of the outline
     if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:
-        yield whole
+        yield complete
         return
     small = small_lattice(sim)
-    kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {_by(small.shape)} nodes"
+    name = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {_by(small.shape)} nodes"
     corners = one_corner(sim)
-    yield (kind, lambda allowance: (_krylov_part(kind, plain_twin(sim, small, corners), sim.crossing, allowance), []))
+    yield (name, lambda allowance: (_krylov_part(name, plain_twin(sim, small, corners), sim.crossing, allowance), []))
 
 
 def _noise_part(
@@ -712,11 +626,11 @@ def _noise_part(
         return None, 0.0, ""  # a history that is kept in full is not a finite state
     twin, where = _noisy(sim, until)
     state, crossing = State(twin.engine), crossing_rounds(twin)
-    pace = state.every * twin.dt
-    asked = until / (crossing * pace)
-    update = LinearMap(state.after_rounds, state.size, pace / sim.crossing, crossing, _cost(twin))
+    period = state.every * twin.dt
+    asked = until / (crossing * period)
+    update = LinearMap(state.after_rounds, state.size, period / sim.crossing, crossing, _cost(twin))
     growth, crossings = noise_growth(update, further, short, asked)
-    quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * pace)
+    quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * period)
     if growth is None:
         return None, quiet, where
     mode = state.portrait(growth.mode) if growth.mode.size else np.zeros(0)
@@ -758,18 +672,18 @@ def _by(shape: Sequence[int]) -> str:
 def _dense_part(name: str, sim: Examined) -> ExaminedPart:
     complete = State(sim.engine)
     matrix = np.stack([complete.after_rounds(unit) for unit in np.eye(complete.size)], axis=1)
-    pace = complete.every * sim.dt / sim.crossing
-    growth = dense_growth(matrix, pace)
-    name, known = f"{name}, all {complete.size} modes", growth
+    period = complete.every * sim.dt / sim.crossing
+    of_modes = growth = dense_growth(matrix, period)
+    name = f"{name}, all {complete.size} modes"
     if growth.stable is not False:
-        growth, verb = _with_noise(growth, matrix, crossing_rounds(sim), pace)
+        growth, verb = _with_noise(growth, matrix, crossing_rounds(sim), period)
         name = f"{verb} ({name})" if verb else name
-    return ExaminedPart(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
+    drifts = growth is not of_modes and growth.stable is False
+    return ExaminedPart(name, growth, complete.portrait(growth.mode), drifts)
 
 
 def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
-    """Check eigenvalues that do not grow by a run from noise; return the growth, and what noise does if it does not
-    decay.
+    """Growth from eigenvalues that do not grow, checked by a run from noise, and what noise does if it does not decay.
 
     The run takes 24 crossing times. Modes that are nearly alike add up first, so it is doubled until the noise decays
     over its last third. Noise that still grows linearly in time indicates a double eigenvalue 1: no eigenvalue grows,
@@ -793,8 +707,8 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
 def _krylov_part(name: str, sim: Examined, crossing: float, allowance: Allowance) -> ExaminedPart:
     """The fastest-growing mode of a set-up; `crossing` is the unit of time of its growth."""
     complete = State(sim.engine)
-    pace = complete.every * sim.dt
-    update = LinearMap(complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), _cost(sim))
+    period = complete.every * sim.dt / crossing
+    update = LinearMap(complete.after_rounds, complete.size, period, crossing_rounds(sim), _cost(sim))
     growth = krylov_growth(update, allowance)
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         # static fields do not decay in such a layer: a double eigenvalue 1, slower than any run shows
@@ -805,67 +719,64 @@ def _krylov_part(name: str, sim: Examined, crossing: float, allowance: Allowance
 
 def _side_part(sim: Examined, axis: int, allowance: Allowance) -> tuple[ExaminedPart, list[str]]:
     """The worst mode between two sides over all tangential wavenumbers; and what the allowance did not suffice for."""
-    real = sim.lattice.shape[axis]
-    strip = Strip(sim, axis, min(real, max(NARROW, 2 * sim.stencil.reach[axis] + 1)), allowance=allowance)
+    nodes = sim.lattice.shape[axis]
+    strip = Strip(sim, axis, min(nodes, max(NARROW, 2 * sim.stencil.reach[axis] + 1)), allowance=allowance)
     name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
     if sim.lattice.dim == 1 and strip.size > _WIDE:
         return _krylov_part(name, strip.sim, sim.crossing, allowance), []
-    found: dict[tuple[float, ...], Growth] = {}
+    growths: dict[tuple[float, ...], Growth] = {}  # by tangential wavenumbers times spacing
     sample = list(strip.sample())
     for angles in sample:
-        if found and not allowance.take(strip.seconds):
+        if growths and not allowance.take(strip.seconds):
             break
-        found[angles] = strip.growth(*angles)
+        growths[angles] = strip.growth(*angles)
     missed = (
-        [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"]
-        if len(found) < len(sample)
+        [f"sides {AXES[axis]} at {len(sample) - len(growths)} of {len(sample)} tangential wavenumbers"]
+        if len(growths) < len(sample)
         else []
     )
-    for angles in sorted(found, key=lambda a: -found[a].rate)[:2]:
-        if found[angles].stable:
-            _climb(strip, angles, found, allowance)
-    worst = fastest(list(found.values()))
+    for angles in sorted(growths, key=lambda a: -growths[a].rate)[:2]:
+        if growths[angles].stable:
+            _climb(strip, angles, growths, allowance)
+    worst = fastest(list(growths.values()))
     # a wider near field can be stable where a narrow one is not
-    if worst.stable is False and strip.width < real and strip.size < _WIDE:
-        strip = Strip(sim, axis, min(real, strip.width + (_WIDE - strip.size) // 2))
-        found |= {angles: strip.growth(*angles) for angles, growth in found.items() if growth.stable is False}
-        worst = fastest(list(found.values()))
+    if worst.stable is False and strip.width < nodes and strip.size < _WIDE:
+        strip = Strip(sim, axis, min(nodes, strip.width + (_WIDE - strip.size) // 2))
+        growths |= {angles: strip.growth(*angles) for angles, growth in growths.items() if growth.stable is False}
+        worst = fastest(list(growths.values()))
         name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
-    angles = next(a for a, g in found.items() if g is worst)
+    angles = next(a for a, g in growths.items() if g is worst)
     if angles:
         name += (
             f", tangential wavenumber times spacing {', '.join(f'{a:.3g}' for a in angles)}"
             if worst.stable is not True
-            else (f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")
+            else (f", {len(growths)} tangential wavenumber{'s' * (len(growths) > 1)}")
         )
     return ExaminedPart(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
 
 
 def _climb(
-    strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], allowance: Allowance
+    strip: Strip, angles: tuple[float, ...], growths: dict[tuple[float, ...], Growth], allowance: Allowance
 ) -> None:
     """Climb from a tangential wavenumber to a nearby maximum of the growth rate, axis by axis."""
     for number in range(len(angles)):
         step = np.pi / strip.coarse / 2
         while step > np.pi / strip.coarse / 10:
-            here = angles
+            before = angles
             for shift in (-step, step):
-                moved = (
-                    *here[:number],
-                    float(np.clip(here[number] + shift, strip.longest, np.pi)),
-                    *here[number + 1 :],
-                )
-                if moved not in found:
+                angle = float(np.clip(before[number] + shift, strip.longest, np.pi))
+                moved = (*before[:number], angle, *before[number + 1 :])
+                if moved not in growths:
                     if not allowance.take(strip.seconds):
                         return
-                    found[moved] = strip.growth(*moved)
-                if found[moved].rate > found[angles].rate:
+                    growths[moved] = strip.growth(*moved)
+                if growths[moved].rate > growths[angles].rate:
                     angles = moved
-            if angles == here:
+            if angles == before:
                 step /= 2
 
 
-def _same_sides(sim: Examined, axis: int, other: int) -> bool:
+def _same_sides(sim: Examined, first: int, second: int) -> bool:
     """Whether the sides of two axes pose the same problem: same boundaries and same stencil."""
-    alike = all(like_sides(sim, (axis, side), (other, side)) for side in (-1, 1))
-    return alike and sim.stencil.same_along(axis, other)
+    alike = all(like_sides(sim, (first, side), (second, side)) for side in (-1, 1))
+    return alike and sim.stencil.same_along(first, second)

@@ -21,12 +21,7 @@ from farhorizon.models import LatticeModel
 
 
 class Timed(Protocol):
-    """A run whose steps can be timed.
-
-    Attributes
-    ----------
-    dt : float
-    """
+    """A run whose steps can be timed."""
 
     dt: float
 
@@ -35,80 +30,35 @@ class Timed(Protocol):
 
 
 class Examined(Timed, Protocol):
-    """A set-up before its run.
+    """A set-up before its run; sides are (axis, -1 or 1)."""
 
-    Attributes
-    ----------
-    given : dict of str to object
-        What it was made of except the initial data, by the names of the arguments of `Simulation`.
-    lattice : Lattice
-        The near field.
-    model : LatticeModel
-    stencil : Stencil
-    engine : Engine
-    sides : dict of (axis, side) to Side
-    background : float
-    step_limit, rate_limit, fastest_rate : float
-        Largest stable time step; largest rate of the operator, and largest factor on the stencil (1/time, or 1/time^2
-        of waves).
-    strongest, weakest : float
-        Largest squared speed relative to that of the model, and the smallest one that is not zero.
-    growth : float
-        Rate (1/time) at which the medium itself lets a uniform field grow, by a negative reaction.
-    of_field : bool
-        Whether a source or a constant of the model depends on the field.
-    varied : bool
-        Whether the medium varies from node to node.
-    field_shape : tuple of int
-        Shape of the lattice, preceded by the number of components for vectors.
-    start_u, start_v : ndarray
-        Initial data of that shape.
-    sources : list
-        (space, time) of each source, as given by `farhorizon.inputs.sources.split`.
-    signals : list of (str, Signal)
-        Name and signal of everything that drives the set-up, as far as the spectra are known.
-    incident : list of Incidence
-    conditions : Conditions
-    prescribed : PrescribedNodes
-    leak : ndarray
-        Rate at which each node loses its value to the surroundings of the body; shape of the lattice, or empty if there
-        is no loss.
-    closure : OutlineCondition or None
-        Condition along the outline of the near field.
-    coefficients : dict of (axis, side) to float
-        Squared speed or diffusivity of the medium at each side.
-    extents : dict of (axis, side) to Extent
-        How far the medium is computed beyond sides that extend it.
-    recorders : list of farhorizon.simulation.recorders.recorder.Recorder
-    """
-
-    given: dict[str, Any]
+    given: dict[str, Any]  # arguments of `Simulation`, except the initial data
     lattice: Lattice
     model: LatticeModel
     stencil: Stencil
     engine: Engine
     sides: dict[tuple[int, int], Side]
     background: float
-    step_limit: float
-    rate_limit: float
-    fastest_rate: float
-    strongest: float
-    weakest: float
-    growth: float
-    of_field: bool
-    varied: bool
-    field_shape: tuple[int, ...]
-    start_u: np.ndarray
+    step_limit: float  # largest stable time step
+    rate_limit: float  # largest rate of the operator: 1/time, or 1/time^2 of waves
+    fastest_rate: float  # largest factor on the stencil, in the same unit
+    strongest: float  # largest squared speed over that of the model
+    weakest: float  # the smallest one that is not zero
+    growth: float  # rate (1/time) at which a negative reaction lets a uniform field grow
+    of_field: bool  # whether a source or a constant of the model depends on the field
+    varied: bool  # whether the medium varies from node to node
+    field_shape: tuple[int, ...]  # that of the lattice, preceded by the number of components for vectors
+    start_u: np.ndarray  # initial data of that shape
     start_v: np.ndarray
-    sources: list[tuple[np.ndarray | None, Callable[..., Any]]]
-    signals: list[tuple[str, Signal]]
+    sources: list[tuple[np.ndarray | None, Callable[..., Any]]]  # as given by `farhorizon.inputs.sources.split`
+    signals: list[tuple[str, Signal]]  # name and signal of each source whose spectrum is known
     incident: list[Incidence]
     conditions: Conditions
     prescribed: PrescribedNodes
-    leak: np.ndarray
-    closure: OutlineCondition | None
-    coefficients: dict[tuple[int, int], float]
-    extents: dict[tuple[int, int], Extent]
+    leak: np.ndarray  # rate at which each node loses its value beyond the body; empty if there is no loss
+    closure: OutlineCondition | None  # condition along the outline of the near field
+    coefficients: dict[tuple[int, int], float]  # squared speed or diffusivity at each side
+    extents: dict[tuple[int, int], Extent]  # of the medium beyond sides that extend it
     recorders: list[Any]
 
     @property
@@ -117,13 +67,11 @@ class Examined(Timed, Protocol):
 
     @property
     def doubts(self) -> list[str]:
-        """Warnings about layers and extended domains that may miss their targets; `notes` contains the first ones."""
+        """Warnings about layers and extended domains that may miss their targets; `notes` begins with them."""
 
     @property
     def crossing(self) -> float:
-        """The set-up's own unit of time: the fastest wave crosses the near field in it, or diffusion empties the near
-        field.
-        """
+        """Time in which the fastest wave crosses the near field, or in which diffusion empties it."""
 
     @property
     def targets(self) -> dict[tuple[int, int], float]:

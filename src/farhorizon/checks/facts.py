@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.resolution import Band
-from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer
 from farhorizon.geometry.lattice import AXES
@@ -41,16 +40,16 @@ def lattice_rows(sim: Examined) -> Rows:
 
 def wave_rows(sim: Examined, waves: Band | None) -> Rows:
     """The wave speeds, and the range of wavelengths in the data."""
-    found = []
+    rows = []
     if sim.model.speeds:
         of = ' of the medium "in the middle of all speeds"' if sim.varied else ""
         speeds = ", ".join(f"{wave} {speed_text(c)}" for wave, c in sim.model.speeds.items())
-        found.append(("wave speeds", speeds + of))
+        rows.append(("wave speeds", speeds + of))
     if waves is not None:
         nodes = f"{waves.typical / sim.lattice.spacing:.3g} nodes"
         half = f"half of the energy below {length_text(waves.typical)} = {nodes}"
-        found.append(("wavelengths", f"{waves.shortest:.3g} to {length_text(waves.longest)}, {half}"))
-    return found
+        rows.append(("wavelengths", f"{waves.shortest:.3g} to {length_text(waves.longest)}, {half}"))
+    return rows
 
 
 def layer_rows(sim: Examined, waves: Band | None) -> Rows:
@@ -61,14 +60,14 @@ def layer_rows(sim: Examined, waves: Band | None) -> Rows:
         for (axis, side), layer in sim.engine.layers.items()
     ]
     extents = [(_side(*key), str(extent)) for key, extent in sim.extents.items()]
-    return [*_together("layer", layers), *_together("extended", extents)]
+    return [*_merged("layer", layers), *_merged("extended", extents)]
 
 
 def _layer(sim: Examined, axis: int, side: int, layer: Layer, waves: Band | None) -> str:
     boundary, name = sim.sides[axis, side], _side(axis, side)
     length, reach = layer.columns * sim.lattice.spacing, sim.stencil.reach[axis]
-    share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
-    text = f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}"
+    wavelengths = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
+    text = f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{wavelengths}, length {length:g}"
     if boundary.target is not None or name in sim.thickness:
         text += f", target {boundary.wanted(sim.model.target):g}"
     if name in sim.thickness:
@@ -82,32 +81,27 @@ def _side(axis: int, side: int) -> str:
     return AXES[axis] + "-+"[side > 0]
 
 
-def _together(what: str, told: Iterable[tuple[str, str]]) -> Rows:
-    """Rows about sides, with one row for all sides that have the same text."""
-    found: dict[str, list[str]] = {}
-    for name, text in told:
-        found.setdefault(text, []).append(name)
-    return [(f"{what} {', '.join(names)}", text) for text, names in found.items()]
+def _merged(what: str, sides: Iterable[tuple[str, str]]) -> Rows:
+    """Rows about sides, each with its text, with one row for all sides that have the same text."""
+    names_by_text: dict[str, list[str]] = {}
+    for name, text in sides:
+        names_by_text.setdefault(text, []).append(name)
+    return [(f"{what} {', '.join(names)}", text) for text, names in names_by_text.items()]
 
 
 def side_rows(sim: Examined) -> Rows:
     """Sides that have no rows elsewhere, the condition along an outline, and exact ends."""
     windowed = sim.lattice.window is not None
-    found = [
+    rows = [
         (f"side {_side(*key)}", options_shown(boundary))
         for key, boundary in sim.sides.items()
-        if not _is_told(boundary) and not (boundary.closing and windowed)
+        if not (boundary.stretched or boundary.exact or boundary.extended or (boundary.closing and windowed))
     ]
     if sim.closure is not None:
         if windowed:
-            found.append(("outline", options_shown(sim.sides[0, -1])))
-        found.append(("fitted", sim.closure.describe()))
-    return found + [(f"exact end {name}", serves) for name, serves in sim.ends.items()]
-
-
-def _is_told(boundary: Side) -> bool:
-    """Whether other rows describe a side."""
-    return boundary.stretched or boundary.exact or boundary.extended
+            rows.append(("outline", options_shown(sim.sides[0, -1])))
+        rows.append(("fitted", sim.closure.describe()))
+    return rows + [(f"exact end {name}", representation) for name, representation in sim.ends.items()]
 
 
 def metal_rows(sim: Examined) -> Rows:
@@ -117,14 +111,14 @@ def metal_rows(sim: Examined) -> Rows:
         return []
     metal = int(np.nansum(sim.fields["solid"]))
     liquid = f"saturation {dissolution.saturation:g}, interface {dissolution.interface:g} of the liquid"
-    found = [("metal", f"{metal} solid nodes shown, {liquid}")]
+    rows = [("metal", f"{metal} solid nodes shown, {liquid}")]
     if metal:
-        whole = float(np.nanmax(sim.fields["u"]))
-        speed = dissolution.speed(sim.lattice.spacing, sim.lattice.dim, whole, sim.background)
+        concentration = float(np.nanmax(sim.fields["u"]))
+        speed = dissolution.speed(sim.lattice.spacing, sim.lattice.dim, concentration, sim.background)
         control = f"under activation control{' (limited by saturation)' if dissolution.limited else ''}"
-        other = f"for another speed v: interface = {dissolution.interface / speed:.4g} v"
-        found.append(("front", f"speed {speed_text(speed)} {control}; {other}"))
-    return found
+        scaled = f"for another speed v: interface = {dissolution.interface / speed:.4g} v"
+        rows.append(("front", f"speed {speed_text(speed)} {control}; {scaled}"))
+    return rows
 
 
 def size_rows(sim: Examined) -> Rows:

@@ -18,7 +18,7 @@ from farhorizon.analysis.resolution import ENOUGH, Band, band, faded, gain_of_sp
 from farhorizon.analysis.stability import Allowance, step_seconds
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.arrival import Arrival
-from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
+from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, rate_text
 from farhorizon.checks.examined import Examined, Timed
 from farhorizon.checks.facts import (
     bond_rows,
@@ -44,7 +44,7 @@ from farhorizon.pictures.style import frequency_text, length_text
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
 LEAST = 5.0  # seconds that an examination may always take, however short the run
-_SHARE = 0.4  # of the budget for predictions of reflection; the certificate has the rest
+_OF_REFLECTION = 0.4  # fraction of the budget for predictions of reflection; the certificate has the rest
 _HARDLY = 20.0  # a signal that lasts longer than this many runs has hardly begun by the end
 _STEEP = 60.0  # degrees: waves at larger angles are few, and layers absorb them worst
 _EXACT = 1e-14  # reflection below this is rounding error
@@ -74,21 +74,11 @@ _LONG = 30 * 86400.0  # runs of more seconds than this cause a warning
 
 @dataclass(frozen=True)
 class Reflections:
-    """Predicted reflection of plane waves by a side.
+    """Predicted reflection of plane waves by a side."""
 
-    Attributes
-    ----------
-    sides : str
-        Names of the sides that are alike.
-    side : LayerSide or Strip
-        What computes the reflection: the equations of a layer, or the map of any side.
-    tables : dict of float to ndarray, shape (pairs, angles)
-        Reflected amplitudes by wavelength, the typical one first.
-    """
-
-    sides: str
-    side: LayerSide | Strip
-    tables: dict[float, np.ndarray] = field(default_factory=dict)
+    sides: str  # names of the sides that are alike
+    side: LayerSide | Strip  # the equations of a layer, or the map of any side
+    tables: dict[float, np.ndarray] = field(default_factory=dict)  # (pairs, angles) by wavelength, the typical first
 
     @property
     def angles(self) -> tuple[float, ...]:
@@ -98,7 +88,8 @@ class Reflections:
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Types of the incoming and the reflected wave; for a scalar field, one pair without names."""
-        return tuple((one, other) for one in self.side.types for other in self.side.types)
+        types = self.side.types
+        return tuple((incoming, reflected) for incoming in types for reflected in types)
 
     @property
     def diffusive(self) -> bool:
@@ -114,15 +105,15 @@ class Reflections:
     def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
         """Amplitudes of the reflected waves, shape (pairs, angles); nan where there is no such wave."""
         types = self.side.types
-        found = np.full((len(types), len(types), len(angles)), np.nan)
+        amplitudes = np.full((len(types), len(types), len(angles)), np.nan)
         for incoming, (i, angle) in itertools.product(range(len(types)), enumerate(angles)):
             try:
-                back = self.side.reflections(wavelength, angle, incoming=types[incoming])
+                reflected = self.side.reflections(wavelength, angle, incoming=types[incoming])
             except InputError:
                 continue
-            for name, amplitude in back.items():
-                found[incoming, types.index(name), i] = abs(amplitude)
-        return found.reshape(-1, len(angles))
+            for name, amplitude in reflected.items():
+                amplitudes[incoming, types.index(name), i] = abs(amplitude)
+        return amplitudes.reshape(-1, len(angles))
 
     def rows(self) -> Iterator[tuple[tuple[str, str], float, np.ndarray]]:
         """Pair, wavelength and amplitudes over the angles, without pairs that never occur, such as SH to P in a plane
@@ -240,27 +231,27 @@ class Report:
         waves = content(sim, until)
         report._describe(sim, waves)
         sides = {AXES[axis] + "-+"[side > 0]: b for (axis, side), b in sim.sides.items() if b.stretched}
-        known = not sim.incident and all(space is not None for space, _ in sim.sources)
-        if sides and sides.keys() == sim.thickness.keys() and known:
-            predicted = {name: one.predicted for name, one in sim.thickness.items()}
+        in_space = not sim.incident and all(space is not None for space, _ in sim.sources)  # all that sends waves
+        if sides and sides.keys() == sim.thickness.keys() and in_space:
+            predicted = {name: layer.predicted for name, layer in sim.thickness.items()}
             kept = all(predicted[name] <= b.wanted(sim.model.target) for name, b in sides.items())
             if kept and max(predicted.values()) > _ROUNDING:  # else nothing has come back yet
                 report.numbers["returned"] = max(predicted.values())
         if until is not None:
             report._cut_short(sim, until)
             report._estimate(sim, until)
-        whole = BUDGET if until is None else min(BUDGET, max(LEAST, _nominal(sim, until)))
+        usual = BUDGET if until is None else min(BUDGET, max(LEAST, _nominal(sim, until)))
         if wavelengths := _wavelengths(sim, waves, until):
-            report._predict(sim, wavelengths, Allowance(_SHARE * whole if budget is None else np.inf))
+            report._predict(sim, wavelengths, Allowance(_OF_REFLECTION * usual if budget is None else np.inf))
         backward = report._backward(sim)
-        report._certify(sim, backward, (1 - _SHARE) * whole if budget is None else budget)
+        report._certify(sim, backward, (1 - _OF_REFLECTION) * usual if budget is None else budget)
         if any(b.held is not None for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
         report.rows += more
         report.notes += [note for note in sim.notes if note not in sim.doubts]
         report.warnings += sim.doubts
-        report.warnings += [text for one in sim.recorders for text in one.doubts]
-        report.warnings += [text for one in sim.incident for text in one.passage.doubts]
+        report.warnings += [text for recorder in sim.recorders for text in recorder.doubts]
+        report.warnings += [text for wave in sim.incident for text in wave.passage.doubts]
         return report
 
     @property
@@ -283,10 +274,10 @@ class Report:
         parts.append(mebibytes(numbers["memory"]))
         if "returned" in numbers:
             parts.append(f"layers reflect {numbers['returned']:.1g} of the largest value")
-        elif (back := self._largest_returned()) is not None:
-            others, most = back
-            apart = most > max(2 * others, _MUCH)
-            at_most = _decibels(others if apart else most)
+        elif (largest := self._largest_returned()) is not None:
+            longer, most = largest
+            apart = most > max(2 * longer, _MUCH)
+            at_most = _decibels(longer if apart else most)
             parts.append(f"reflections of plane waves at most {at_most} dB up to {_STEEP:g} degrees")
             if apart:
                 parts[-1] += f", of the shortest {_decibels(most)} dB"
@@ -298,12 +289,12 @@ class Report:
         """Largest amplitudes that absorbing sides reflect of plane waves that are not grazing: for all but the shortest
         wave, where there are others, and for all waves; None if there are no such waves.
         """
-        plain = [found for found in self.reflections if not found.diffusive]
-        shortest = min((length for found in plain if len(found.tables) > 1 for length in found.tables), default=0.0)
+        of_waves = [reflections for reflections in self.reflections if not reflections.diffusive]
+        shortest = min((length for some in of_waves if len(some.tables) > 1 for length in some.tables), default=0.0)
         steep = [
-            (length, table[..., np.array(found.angles) <= _STEEP].ravel())
-            for found in plain
-            for length, table in found.tables.items()
+            (length, table[..., np.array(some.angles) <= _STEEP].ravel())
+            for some in of_waves
+            for length, table in some.tables.items()
         ]
         amplitudes = [
             np.concatenate([np.zeros(0), *(values[np.isfinite(values)] for length, values in steep if length > least)])
@@ -314,33 +305,35 @@ class Report:
     def _predict(self, sim: Examined, wavelengths: tuple[float, ...], allowance: Allowance) -> None:
         """Predict the reflection by each kind of absorbing side, the typical wave first; note what was omitted."""
         for names, side in _sides(sim):
-            found = Reflections(names, side)
+            reflections = Reflections(names, side)
             for wavelength in wavelengths:
-                if not allowance.take(len(found.angles) * side.seconds) and found.tables:
+                if not allowance.take(len(reflections.angles) * side.seconds) and reflections.tables:
                     self.omitted.append(
                         f"the reflection of waves of length {wavelength:.3g} by {names} is not predicted: a larger "
                         "budget (--budget) includes it"
                     )
                 else:
-                    found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
-            self.reflections.append(found)
+                    reflections.tables[wavelength] = reflections.amplitudes(wavelength, reflections.angles)
+            self.reflections.append(reflections)
             boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
             # for layers chosen for the data of the run, more is known than plane waves show
-            if not found.diffusive and "returned" not in self.numbers:
-                self._doubt(found, boundary, boundary.wanted(sim.model.target))
+            if not reflections.diffusive and "returned" not in self.numbers:
+                self._doubt(reflections, boundary, boundary.wanted(sim.model.target))
 
-    def _doubt(self, found: Reflections, boundary: Side, wanted: float) -> None:
+    def _doubt(self, reflections: Reflections, boundary: Side, target: float) -> None:
         """Warn of a side that reflects much of what it absorbs best: typical waves at normal incidence."""
-        wavelength, table = next(iter(found.tables.items()))
+        wavelength, table = next(iter(reflections.tables.items()))
         amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
-        most = _MUCH_OF_SPONGE if boundary.damped else _MUCH if boundary.nodes is not None else 10 * wanted
+        most = _MUCH_OF_SPONGE if boundary.damped else _MUCH if boundary.nodes is not None else 10 * target
         if amplitude > most:
-            aim = "" if boundary.nodes is not None else f", but the target is {wanted:g}"
-            what = f"{found.sides} reflect {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
-            others = "a kernel of shorter reach, a Sponge of several wavelengths, or in 1D Exact"
+            aim = "" if boundary.nodes is not None else f", but the target is {target:g}"
+            waves = f"waves of length {wavelength:.3g} along the normal"
+            remedy = "a kernel of shorter reach, a Sponge of several wavelengths, or in 1D Exact"
             if boundary.damped:
-                others = "several wavelengths of them, or a LatticePML"
-            self.warnings.append(f"{what}; use more nodes, {others}")
+                remedy = "several wavelengths of them, or a LatticePML"
+            self.warnings.append(
+                f"{reflections.sides} reflect {amplitude:.1g} of {waves}{aim}; use more nodes, {remedy}"
+            )
 
     def _say(self, name: str, value: str) -> None:
         self.rows.append((name, value))
@@ -374,13 +367,15 @@ class Report:
             self.warnings.append(f"{key} contains all frequencies, but the lattice carries only some of them")
             return
         rate = sim.model.coefficient * sim.weakest / sim.lattice.spacing**2
-        found = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest, sim.model.integrator)  # type: ignore[arg-type]
-        nodes = f"{found.nodes:.3g} nodes" if found.nodes else "shorter than the lattice carries"
+        scheme: Any = sim.model.integrator
+        shortest = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest, scheme)
+        resolving = shortest.scale * sim.lattice.spacing
+        nodes = f"{shortest.nodes:.3g} nodes" if shortest.nodes else "shorter than the lattice carries"
         self._say("shortest wave", f"{nodes}, at {frequency_text(highest)}; a thousandth of {key} lies above")
-        self.numbers |= {"shortest_wave_nodes": found.nodes, "resolving_spacing": found.scale * sim.lattice.spacing}
-        if found.nodes < ENOUGH:
-            finer = "" if arrival is None else arrival.on_finer(found.scale)
-            spacing = f"spacing = {found.scale * sim.lattice.spacing:.2g}"
+        self.numbers |= {"shortest_wave_nodes": shortest.nodes, "resolving_spacing": resolving}
+        if shortest.nodes < ENOUGH:
+            finer = "" if arrival is None else arrival.on_finer(shortest.scale)
+            spacing = f"spacing = {resolving:.2g}"
             self.warnings.append(
                 f"the shortest waves of {key} are badly resolved ({nodes}, but {ENOUGH:g} are needed): {spacing} "
                 f"resolves them, with as many spacings per horizon as here{finer}"
@@ -390,8 +385,8 @@ class Report:
         """Say which signals continue after the end of the run; if one hardly begins, its unit of time may be wrong."""
         for key, signal in sim.signals:
             if signal.end > until:
-                found = self.warnings if signal.end > _HARDLY * until else self.notes
-                found.append(
+                remarks = self.warnings if signal.end > _HARDLY * until else self.notes
+                remarks.append(
                     f"{key} continues to t = {signal.end:.4g}, but the run ends at {until:.4g}: the rest is not sent; "
                     "does it use the unit of time of the run?"
                 )
@@ -399,61 +394,62 @@ class Report:
     def _estimate(self, sim: Examined, until: float) -> None:
         """Estimate the time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt - _FITS))
-        mine = run_cost(sim, self.estimate(sim, steps, until) / steps)
+        as_given = run_cost(sim, self.estimate(sim, steps, until) / steps)
         breaks = sim.model.bond_law is not None and np.isfinite(sim.engine.bonds.limit)
         if breaks and sim.lattice.dim > 1:
-            most = max(seconds_near_breaking(sim), mine.seconds)
+            most = max(seconds_near_breaking(sim), as_given.seconds)
             self.numbers["seconds_near_breaking"] = most * steps
+            ratio = two_digits(most / as_given.seconds)
             self._say(
                 "time near breaking",
-                f"up to {seconds(most * steps)}: a step takes {two_digits(most / mine.seconds)} times as long while "
-                "all bonds are strained to half of what breaks them",
+                f"up to {seconds(most * steps)}: a step takes {ratio} times as long while all bonds are strained to "
+                "half of what breaks them",
             )
         if any(b.extended for b in sim.sides.values()):
-            self._compare_with_layer(sim, mine, until, steps)
+            self._compare_with_layer(sim, as_given, until, steps)
             return
         if not sim.targets:
             return
-        far = extended_run_cost(sim, until, list(sim.targets))
+        extended = extended_run_cost(sim, until, list(sim.targets))
         self._say(
             "extended domain",
-            f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
-            f"{far.over(mine)} of this run",
+            f"{extended.nodes:.3g} nodes until nothing returns, "
+            f"{extended.nodes / np.prod(sim.lattice.shape):.3g} near fields: {extended.over(as_given)} of this run",
         )
         self.numbers |= {
-            "extended_nodes": far.nodes,
-            "extended_cost": far.seconds / mine.seconds,
-            "extended_memory": far.memory / mine.memory,
+            "extended_nodes": extended.nodes,
+            "extended_cost": extended.seconds / as_given.seconds,
+            "extended_memory": extended.memory / as_given.memory,
         }
         layers = "; layers save more in longer runs and in 3D" if sim.engine.layers else ""
-        self._recommend(mine, "extended", far, steps, layers)
+        self._recommend(as_given, "extended", extended, steps, layers)
 
-    def _compare_with_layer(self, sim: Examined, mine: RunCost, until: float, steps: int) -> None:
+    def _compare_with_layer(self, sim: Examined, as_given: RunCost, until: float, steps: int) -> None:
         """Compare time and memory with those of layers in place of the extended domain."""
         try:
             twin = layered(sim, until)
         except InputError as error:
             self._say("layers instead", str(error))
             return
-        other = run_cost(twin)
+        with_layers = run_cost(twin)
         thickest = max(layer.columns for layer in twin.engine.layers.values())
-        self._say("layers instead", f"of {thickest} nodes: {other.over(mine)} of this run")
+        self._say("layers instead", f"of {thickest} nodes: {with_layers.over(as_given)} of this run")
         self.numbers |= {
             "layer_nodes": float(thickest),
-            "layer_cost": other.seconds / mine.seconds,
-            "layer_memory": other.memory / mine.memory,
+            "layer_cost": with_layers.seconds / as_given.seconds,
+            "layer_memory": with_layers.memory / as_given.memory,
         }
-        self._recommend(mine, "lattice-pml", other, steps)
+        self._recommend(as_given, "lattice-pml", with_layers, steps)
 
-    def _recommend(self, mine: RunCost, theirs: str, other: RunCost, steps: int, when: str = "") -> None:
+    def _recommend(self, as_given: RunCost, kind: str, instead: RunCost, steps: int, when: str = "") -> None:
         """Say which sides that keep the target are cheapest, and note savings that are worth it."""
-        share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
-        if share >= 1:
-            self._say("cheapest sides", f"as given; {theirs} would take {two_digits(share)} times as long")
+        ratio, saved = instead.seconds / as_given.seconds, (as_given.seconds - instead.seconds) * steps
+        if ratio >= 1:
+            self._say("cheapest sides", f"as given; {kind} would take {two_digits(ratio)} times as long")
             return
-        self._say("cheapest sides", f'type = "{theirs}", {share:.2g} of the time of the steps{when}')
+        self._say("cheapest sides", f'type = "{kind}", {ratio:.2g} of the time of the steps{when}')
         if saved > _WORTH:
-            self.notes.append(f'type = "{theirs}" would save {seconds(saved)} of steps')
+            self.notes.append(f'type = "{kind}" would save {seconds(saved)} of steps')
 
     def estimate(self, run: Timed, steps: int, until: float) -> float:
         """Say how long a run takes, return it in seconds, and warn if it is longer than anyone can intend."""
@@ -488,10 +484,10 @@ class Report:
     def as_json(self) -> ReportFacts:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
         rows = [
-            _reflection_facts(found.sides, pair, wavelength, angle, value)
-            for found in self.reflections
-            for pair, wavelength, amplitudes in found.rows()
-            for angle, value in zip(found.angles, amplitudes, strict=True)
+            _reflection_facts(some.sides, pair, wavelength, angle, value)
+            for some in self.reflections
+            for pair, wavelength, amplitudes in some.rows()
+            for angle, value in zip(some.angles, amplitudes, strict=True)
         ]
         certificate = None if self.certificate is None else self.certificate.as_json()
         return {
@@ -514,37 +510,34 @@ class Report:
         worst = None if self.certificate is None else self.certificate.worst
         if self.certificate is not None and worst is not None and worst.field.size:
             made.append(folder / f"{name}-growing-mode.png")
-            mode_picture(
-                worst.field, spacing, f"grows by {told(worst.growth.rate, self.certificate.crossing)}", made[-1]
-            )
+            growth = f"grows by {rate_text(worst.growth.rate, self.certificate.crossing)}"
+            mode_picture(worst.field, spacing, growth, made[-1])
         curves = [
             (
                 ", ".join([*_named_pair(pair), f"wavelength {length_text(wavelength)}"])
-                + f", {found.sides}" * (len(self.reflections) > 1),
+                + f", {some.sides}" * (len(self.reflections) > 1),
                 amplitudes,
             )
-            for found in self.reflections
-            if len(found.angles) > 1
-            for wavelength in found.drawn
-            for pair, amplitudes in zip(found.pairs, found.amplitudes(wavelength, _FINE), strict=True)
+            for some in self.reflections
+            if len(some.angles) > 1
+            for wavelength in some.drawn
+            for pair, amplitudes in zip(some.pairs, some.amplitudes(wavelength, _FINE), strict=True)
             if np.nanmax(np.append(amplitudes, 0.0)) > _EXACT
         ]
         if curves:
             made.append(folder / f"{name}-reflection.png")
             kind = "diffusion waves" if self.reflections[0].diffusive else "plane waves"
-            title = (
-                f"{kind} reflected by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
-            )
-            reflection_picture(np.array(_FINE), curves, title, made[-1])
+            sides = "an absorbing side" if len(self.reflections) > 1 else self.reflections[0].sides
+            reflection_picture(np.array(_FINE), curves, f"{kind} reflected by {sides}", made[-1])
         return made
 
     def _reflection_lines(self) -> list[str]:
         lines = []
-        for found in self.reflections:
-            kind = "diffusion waves, most of which decay on the way," if found.diffusive else "plane waves"
-            lines.append(f"predicted reflection by {found.sides} in dB, for {kind} by their angle to the normal")
-            lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
-            for pair, wavelength, amplitudes in found.rows():
+        for some in self.reflections:
+            kind = "diffusion waves, most of which decay on the way," if some.diffusive else "plane waves"
+            lines.append(f"predicted reflection by {some.sides} in dB, for {kind} by their angle to the normal")
+            lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in some.angles))
+            for pair, wavelength, amplitudes in some.rows():
                 label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
                 lines.append(f"{label:>18}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
         return lines
@@ -578,13 +571,13 @@ def _columns(rows: Sequence[tuple[str, str]]) -> list[str]:
 def _reflection_facts(
     sides: str, pair: tuple[str, str], wavelength: float, angle: float, amplitude: float
 ) -> ReflectionFacts:
-    found: ReflectionFacts = {
+    facts: ReflectionFacts = {
         "sides": sides,
         "wavelength": wavelength,
         "angle": angle,
         "amplitude": float(amplitude) if np.isfinite(amplitude) else None,
     }
-    return {**found, "incoming": pair[0], "sent": pair[1]} if pair[0] else found
+    return {**facts, "incoming": pair[0], "sent": pair[1]} if pair[0] else facts
 
 
 def content(sim: Examined, until: float | None = None) -> Band | None:
@@ -595,31 +588,32 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     """
     waves = sim.model.order == 2
     rate = np.sqrt(sim.model.coefficient * max(sim.strongest, 1e-300)) / sim.lattice.spacing
-    found: list[tuple[np.ndarray, int, Callable[[np.ndarray], np.ndarray] | None]] = [
+    # fields of the lattice, the order of the time derivative whose initial data they are, gain by wavenumber
+    fields: list[tuple[np.ndarray, int, Callable[[np.ndarray], np.ndarray] | None]] = [
         (sim.start_u, sim.model.order - 1, None),
         (sim.start_v, 0, None),
     ]
     lowest = float(np.linalg.eigvalsh(np.atleast_2d(sim.engine.reaction))[0])
     if waves and sim.prescribed.driven:
         start = np.array(sim.start_u)
-        found[0] = (start, 1, None)
-        for places, course in sim.prescribed.driven:
-            start.flat[places] = 0.0
+        fields[0] = (start, 1, None)
+        for nodes, time_function in sim.prescribed.driven:
+            start.flat[nodes] = 0.0
             if until is not None:
-                there = np.zeros(start.shape)
-                there.flat[places] = 1.0
-                found.append((there, 1, gain_of_time(course, until, rate, lowest)))
+                emitter = np.zeros(start.shape)
+                emitter.flat[nodes] = 1.0
+                fields.append((emitter, 1, gain_of_time(time_function, until, rate, lowest)))
     for space, factor in sim.sources:
         if space is not None:
-            found.append((space, 0, _gain(factor, until, rate, lowest) if waves else None))
-    scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
+            fields.append((space, 0, _gain(factor, until, rate, lowest) if waves else None))
+    scalars = [(part, order, gain) for field, order, gain in fields for part in field.reshape(-1, *sim.lattice.shape)]
     free = [(not sim.sides[axis, -1].bonded, not sim.sides[axis, 1].bonded) for axis in range(sim.lattice.dim)]
-    for one in sim.incident:
-        if one.passage.everywhere:
-            parts = one.field(one.passage.midway).reshape(-1, *sim.lattice.shape)
+    for wave in sim.incident:
+        if wave.passage.everywhere:
+            parts = wave.field(wave.passage.midway).reshape(-1, *sim.lattice.shape)
             scalars += [(faded(part, free), sim.model.order - 1, None) for part in parts]
-    fields, orders, gains = zip(*scalars, strict=True)
-    return band(fields, sim.lattice.spacing, orders, gains)
+    components, orders, gains = zip(*scalars, strict=True)
+    return band(components, sim.lattice.spacing, orders, gains)
 
 
 def _gain(
@@ -648,59 +642,41 @@ def _wavelengths(sim: Examined, waves: Band | None, until: float | None) -> tupl
 
 def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
     """One absorbing side of each kind, with the names of all sides of that kind."""
-    found: list[tuple[list[str], Any, LayerSide | Strip]] = []
+    kinds: list[tuple[Any, list[str], LayerSide | Strip]] = []  # what makes sides alike, their names, one of them
     for (axis, side), boundary in sim.sides.items():
-        if boundary.stretched or (boundary.damped and sim.model.order == 2):
-            layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
-            kind = (
-                boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()),
-                sim.stencil.reach[axis],
-            )
-            for names, other, _ in found:
-                if other == kind:
-                    names.append(AXES[axis] + "-+"[side > 0])
-                    break
-            else:
-                alone = (
-                    _layer_side(sim, axis, side, layer)
-                    if layer
-                    else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
-                )
-                found.append(([AXES[axis] + "-+"[side > 0]], kind, alone))
-    return [(", ".join(names), alone) for names, _, alone in found]
+        if not (boundary.stretched or (boundary.damped and sim.model.order == 2)):
+            continue
+        name, reach = AXES[axis] + "-+"[side > 0], sim.stencil.reach[axis]
+        layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
+        stretch = boundary if layer is None else [layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()]
+        for kind, names, _ in kinds:
+            if kind == (stretch, reach):
+                names.append(name)
+                break
+        else:
+            ends = (Fixed(), boundary)
+            alone = _layer_side(sim, axis, side, layer) if layer else Strip(sim, axis, 2 * reach + 2, ends)
+            kinds.append(((stretch, reach), [name], alone))
+    return [(", ".join(names), alone) for _, names, alone in kinds]
 
 
 def _layer_side(sim: Examined, axis: int, side: int, layer: Layer) -> LayerSide:
-    waves = sim.model.order == 2
+    waves, coefficient = sim.model.order == 2, sim.coefficients[axis, side]
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
-    return LayerSide(
-        LatticeMedium(
-            sim.stencil.along(axis).beside(sim.coefficients[axis, side] / sim.model.coefficient),
-            sim.coefficients[axis, side],
-            sim.lattice.spacing,
-            recursion,
-            sim.dt,
-        ),
-        layer,
-        not waves,
-    )
+    stencil = sim.stencil.along(axis).beside(coefficient / sim.model.coefficient)
+    return LayerSide(LatticeMedium(stencil, coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
 
 
 def _remedy(sim: Examined, backward: BackwardWaves) -> str:
     """Advice about growth in a layer."""
     if sim.closure is not None:
-        few = (
-            " Single nodes at the poles of a window grow; a radius of no whole number of spacings avoids them."
-            if sim.lattice.window
-            else ""
-        )
+        poles = " Single nodes at the poles of a window grow; a radius of no whole number of spacings avoids them."
         calmer = {boundary.calmer() for boundary in sim.sides.values() if boundary.closing} - {""}
-        scalar = ["Higdon(angles=(0, 45))", "settings that 'check --tune' finds"]
-        others = [*(scalar if sim.stencil.components == 1 else []), "or a LatticePML"]
-        return f"Use {', '.join([*sorted(calmer), *others])}.{few}"
-    other = "Exact ends, or " if sim.lattice.dim == 1 else ""
+        scalar = ["Higdon(angles=(0, 45))", "settings that 'check --tune' finds"] * (sim.stencil.components == 1)
+        return f"Use {', '.join([*sorted(calmer), *scalar, 'or a LatticePML'])}.{poles if sim.lattice.window else ''}"
+    exact = "Exact ends, or " if sim.lattice.dim == 1 else ""
     if not backward:
-        return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."
+        return f"Use {exact}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."
     kernel = (
         "exponent 2 with a reach of at most 3 nodes"
         if sim.lattice.dim < 3
@@ -709,7 +685,7 @@ def _remedy(sim: Examined, backward: BackwardWaves) -> str:
     return (
         f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit "
         "time, from rounding or noise. "
-        f"Use {other}a Sponge of several wavelengths, or {kernel}; or keep the data smooth and the run short."
+        f"Use {exact}a Sponge of several wavelengths, or {kernel}; or keep the data smooth and the run short."
     )
 
 

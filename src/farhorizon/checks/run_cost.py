@@ -26,25 +26,15 @@ _LEAST_ERROR = 1e-12  # smallest error asked of an extended domain, in place of 
 
 @dataclass(frozen=True)
 class RunCost:
-    """Cost of one way to compute the medium beyond the near field.
+    """Cost of one way to compute the medium beyond the near field."""
 
-    Attributes
-    ----------
-    nodes : float
-        Number of computed nodes, or of nodes of the thickest layer.
-    seconds : float
-        Time of a step.
-    memory : float
-        Memory in bytes.
-    """
+    nodes: float  # computed nodes
+    seconds: float  # of a step
+    memory: float  # bytes
 
-    nodes: float
-    seconds: float
-    memory: float
-
-    def over(self, other: RunCost) -> str:
-        """Time and memory relative to another price, in words."""
-        time, memory = self.seconds / max(other.seconds, 1e-300), self.memory / max(other.memory, 1.0)
+    def over(self, base: RunCost) -> str:
+        """Time and memory relative to those of another run, in words."""
+        time, memory = self.seconds / max(base.seconds, 1e-300), self.memory / max(base.memory, 1.0)
         words = f"{two_digits(time)} times" if time >= 1 else f"only {time:.2g} of"
         return f"{words} the time, {two_digits(memory)} times the memory"
 
@@ -93,33 +83,28 @@ def extended_run_cost(sim: Examined, until: float, sides: Sequence[tuple[int, in
 
     If the domain would not fit into memory, its size follows from the front of the waves alone.
     """
-    wanted = {key: max(sim.targets[key], _LEAST_ERROR) for key in sides}
+    errors = {key: max(sim.targets[key], _LEAST_ERROR) for key in sides}
     try:
-        more = {key: found.nodes for key, found in sim.extents_for(wanted, until).items()}
+        added = {key: extent.nodes for key, extent in sim.extents_for(errors, until).items()}
     except InputError:
-        more = dict.fromkeys(
-            wanted, undisturbed(sim.stencil.with_reaction(0.0), sim.fastest_rate, sim.model.order, until)
-        )
+        front = undisturbed(sim.stencil.with_reaction(0.0), sim.fastest_rate, sim.model.order, until)
+        added = dict.fromkeys(errors, front)
     lattice = sim.lattice
-    wide = np.array([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(lattice.shape)])
+    wide = np.array([float(n + added.get((a, -1), 0) + added.get((a, 1), 0)) for a, n in enumerate(lattice.shape)])
     shrunk = max(1.0, (np.prod(wide) / _PROBED) ** (1 / lattice.dim))
     count = [max(int(n / shrunk), 2 * m + 1) for n, m in zip(wide, sim.stencil.reach, strict=True)]
     box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
     plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
-    every = np.array(plain.engine.layout.box.nodes[-lattice.dim :], float)  # with margins, which do not grow
-    held = float(np.prod((wide + every - count) / every))
+    stored = np.array(plain.engine.layout.box.nodes[-lattice.dim :], float)  # with margins, which do not grow
+    larger = float(np.prod((wide + stored - count) / stored))
     return RunCost(
-        float(np.prod(wide)), plain.seconds_per_step() * float(np.prod(wide / count)), plain.engine.nbytes * held
+        float(np.prod(wide)), plain.seconds_per_step() * float(np.prod(wide / count)), plain.engine.nbytes * larger
     )
 
 
 def layered(sim: Examined, until: float) -> Examined:
-    """The same set-up with layers of the same targets in place of the sides that extend the domain.
-
-    Raises
-    ------
-    InputError
-        No layer keeps the target.
+    """The same set-up with layers of the same targets in place of the sides that extend the domain; InputError if no
+    layer keeps the target.
     """
     sides: Mapping[str, object] = {
         AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until) if b.extended else b

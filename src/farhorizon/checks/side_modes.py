@@ -31,22 +31,19 @@ NARROW = 8  # nodes of the near field between two layers that are examined, or m
 def pinned(sim: Examined) -> dict[tuple[int, int], Side]:
     """The sides with the layers of this set-up given explicitly and with full-precision memory; fixed sides hold 0."""
     lead = 3 - sim.lattice.dim
-    found = dict(sim.sides)
+    sides = dict(sim.sides)
     for (axis, side), layer in sim.engine.layers.items():
-        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=replace(layer, short=False))
-    for key, boundary in found.items():
-        if boundary.held is not None:
-            found[key] = Fixed(0.0)
-    return found
+        sides[axis - lead, side] = LatticePML(nodes=layer.columns, profile=replace(layer, short=False))
+    return {key: boundary if boundary.held is None else Fixed(0.0) for key, boundary in sides.items()}
 
 
-def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> bool:
+def like_sides(sim: Examined, first: tuple[int, int], second: tuple[int, int]) -> bool:
     """Whether two sides, each (axis, side), are alike: layers of the same stretch and damping, or equal conditions."""
     lead = 3 - sim.lattice.dim
-    first, second = (sim.engine.layers.get((lead + axis, side)) for axis, side in (one, other))
-    if first is None or second is None:
-        return first is second and sim.sides[one] == sim.sides[other]
-    return all(np.array_equal(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
+    layer, twin = (sim.engine.layers.get((lead + axis, side)) for axis, side in (first, second))
+    if layer is None or twin is None:
+        return layer is twin and sim.sides[first] == sim.sides[second]
+    return all(np.array_equal(getattr(layer, f.name), getattr(twin, f.name)) for f in fields(layer))
 
 
 def one_corner(sim: Examined) -> dict[tuple[int, int], Side]:
@@ -55,13 +52,13 @@ def one_corner(sim: Examined) -> dict[tuple[int, int], Side]:
     All corners, edges and faces are then like those that are left. Where there are reflecting faces both layers are
     kept, because a layer and its mirror image can feed the same mode between such faces.
     """
-    found = pinned(sim)
-    if all(b.stretched or b.periodic for b in found.values()):
+    sides = pinned(sim)
+    if all(b.stretched or b.periodic for b in sides.values()):
         for axis in range(sim.lattice.dim):
-            layered = found[axis, -1].stretched and sim.stencil.even_along(axis)
+            layered = sides[axis, -1].stretched and sim.stencil.even_along(axis)
             if layered and like_sides(sim, (axis, -1), (axis, 1)):
-                found[axis, -1] = Fixed(0.0)
-    return found
+                sides[axis, -1] = Fixed(0.0)
+    return sides
 
 
 def plain_twin(
@@ -114,44 +111,16 @@ def crossing_rounds(sim: Examined) -> int:
     )
     factor = max(sim.strongest, 1e-300) / sim.model.strongest  # of a coefficient; bonds between phases are not a medium
     duration = sim.model.crossing(nodes * sim.lattice.spacing, factor)
-    pace = sim.engine.tables.filter.every * sim.dt
-    return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / pace)))
+    period = sim.engine.tables.filter.every * sim.dt
+    return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / period)))
 
 
 class Strip:
-    """The sides of one axis and the medium between them, unbounded along the other axes: a matrix for each tangential
-    wavenumber.
+    """The sides of one axis and `width` nodes between them, unbounded along the other axes: a matrix for each
+    tangential wavenumber.
 
-    Parameters
-    ----------
-    sim : Examined
-    axis : int
-    width : int
-        Nodes of the near field between the sides.
-    sides : tuple of Side, optional
-        Sides to use at the low and the high end instead of those of `sim`.
-    allowance : Allowance, optional
-        For the responses of the engine, from which all matrices are assembled.
-
-    Raises
-    ------
-    TimeoutError
-        The responses would take more.
-
-    Attributes
-    ----------
-    size : int
-        Numbers in the state of one row along the normal.
-    near : ndarray of int, shape (levels * components, nodes)
-        Entries of the row's state that belong to the near field.
-    coarse : int
-        Tangential wavenumbers along each axis in `sample`.
-    longest : float
-        The smallest of these wavenumbers: 0 where the other sides admit waves that are uniform along them.
-    pace : float
-        Time step in crossings of the near field.
-    seconds : float
-        Time of the eigenvalues at one tangential wavenumber on a typical core.
+    Its low and high `sides` are those of `sim` unless given. All matrices are assembled from responses of the engine;
+    where these would take more than the allowance, a TimeoutError is raised.
     """
 
     def __init__(
@@ -163,17 +132,17 @@ class Strip:
         allowance: Allowance | None = None,
     ) -> None:
         dim, spacing = sim.lattice.dim, sim.lattice.spacing
-        order = [axis, *(a for a in range(dim) if a != axis)]
+        along = [a for a in range(dim) if a != axis]
         stages = len(sim.engine.stages.numbers)
-        shape = [width] + [2 * stages * sim.stencil.reach[a] + 1 for a in order[1:]]
+        shape = [width] + [2 * stages * sim.stencil.reach[a] + 1 for a in along]
         lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Side] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self._filters = {}
         self._every = sim.engine.tables.filter.every
         if dim > 1:  # the layers' filters reach farther than the rows needed for the responses below
-            known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True)}
-            self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
+            profiles = {side: b.profile for side, b in zip((-1, 1), ends, strict=True)}
+            self._filters = {side: layer for side, layer in profiles.items() if isinstance(layer, Layer)}
             ends = ends[0].undamped(), ends[1].undamped()
             boundary |= {"x-": ends[0], "x+": ends[1]}
         self.sim = sim.remade(
@@ -184,23 +153,19 @@ class Strip:
             threads=1,
             background=0.0,
         )
-        self.width, self.dt, self.pace = width, sim.dt, sim.dt / sim.crossing
+        self.width, self.dt = width, sim.dt
+        self._crossings_per_step = sim.dt / sim.crossing
         self.state = State(self.sim.engine)
         rows = self.state.rows()
-        self.place, self._images, self._signs, self.near, self._layers = (
-            rows.place,
-            rows.images,
-            rows.signs,
-            rows.near,
-            rows.layers,
-        )
-        self.size = len(self.place)
+        self.place, self._images, self._signs, self._layers = rows.place, rows.images, rows.signs, rows.layers
+        self.near = rows.near  # entries of a row's state in the near field, shape (levels * components, nodes)
+        self.size = len(self.place)  # numbers in the state of one row along the normal
         # with the components along the sides a quarter of a period apart, the map of a mirror-symmetric stencil is
         # real, which is a few times as fast
         self._turns = np.where(self._signs > 0, 1j, 1.0) if self.sim.stencil.components > 1 else np.ones(self.size)
-        self.coarse = 11 if dim == 2 else 6
+        self.coarse = 11 if dim == 2 else 6  # tangential wavenumbers along each axis in `sample`
         endless = all(b.periodic or not b.bonded for (a, _), b in sim.sides.items() if a != axis)
-        self.longest = 0.0 if endless else 0.01
+        self.longest = 0.0 if endless else 0.01  # the smallest of these; 0 where waves may be uniform along the sides
         # first index: the entry set to 1, so that each write is contiguous
         products = float(np.prod(self.sim.engine.layout.box.nodes)) * sim.stencil.weights.size
         if allowance is not None and not allowance.take(self.size * step_seconds(products)):
@@ -213,14 +178,13 @@ class Strip:
         linked = responses.any(axis=-1)  # a step links few entries
         self._links, self._responses = np.nonzero(linked), responses[linked].reshape(-1, *shape[1:])
         images = self._images
-        if images is not None:
-            some = self._summed(*np.linspace(0.7, 1.9, dim - 1))
-            if (
-                np.abs(np.outer(self._signs, self._signs) * some[np.ix_(images, images)] - some).max()
-                > 1e-14 * np.abs(some).max()
-            ):
+        if images is not None:  # whether the map is symmetric is seen at any wavenumbers, up to rounding
+            matrix = self._summed(*np.linspace(0.7, 1.9, dim - 1))
+            mirrored = np.outer(self._signs, self._signs) * matrix[np.ix_(images, images)]
+            if np.abs(mirrored - matrix).max() > 1e-14 * np.abs(matrix).max():
                 self._images = None
-        # even and odd modes apart are two matrices of half the size; complex ones take four times as long
+        # of the eigenvalues at one tangential wavenumber on a typical core; even and odd modes apart are two matrices
+        # of half the size, complex ones take four times as long
         halves = 1 if self._images is None else 4
         self.seconds = (4 if self.sim.stencil.components > 1 else 1) * eigenvalue_seconds(self.size) / halves
 
@@ -247,10 +211,8 @@ class Strip:
                 damping = line_damping(layer.damping, layer.taps, every * self.dt, angles)
                 for new, old in zip(*self._layers[side], strict=True):  # component by component
                     if layer.whole:
-                        matrix[new], matrix[old] = (
-                            matrix[new] - damping @ matrix[new],
-                            matrix[old] - damping @ matrix[old],
-                        )
+                        for level in (new, old):
+                            matrix[level] = matrix[level] - damping @ matrix[level]
                     else:
                         matrix[new] -= damping @ (matrix[new] - matrix[old])
         return matrix
@@ -259,26 +221,26 @@ class Strip:
         """The fastest-growing mode at given tangential wavenumbers; between alike sides, even and odd modes are
         computed separately.
         """
-        turns, pace = self._turns, self._every * self.pace
+        turns, period = self._turns, self._every * self._crossings_per_step
         matrix = np.linalg.matrix_power(self._summed(*angles) * turns / turns[:, None], self._every)
         matrix = self._filtered(matrix, np.array(angles), self._every)
         if self._images is None:
-            growth = dense_growth(matrix, pace)
+            growth = dense_growth(matrix, period)
             return replace(growth, mode=turns * growth.mode)
         number, signs = np.arange(self.size), self._signs
         first = np.flatnonzero(number < self._images)
-        found = []
+        growths = []
         for sign in (1, -1):
             alone = np.flatnonzero((number == self._images) & (signs == sign))
             halves = np.concatenate([first, alone])
             images = self._images[halves]
             part = matrix[np.ix_(halves, halves)]
             part[:, : len(first)] += sign * signs[first] * matrix[np.ix_(halves, images[: len(first)])]
-            growth = dense_growth(part, pace)
+            growth = dense_growth(part, period)
             mode = np.zeros(self.size, complex)
             mode[images], mode[halves] = sign * signs[halves] * growth.mode, growth.mode
-            found.append(replace(growth, mode=turns * mode))
-        return fastest(found)
+            growths.append(replace(growth, mode=turns * mode))
+        return fastest(growths)
 
     def sample(self) -> Iterator[tuple[float, ...]]:
         """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; only one of those that are mirror
@@ -320,30 +282,13 @@ class Strip:
     def reflections(
         self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
     ) -> dict[str, complex]:
-        """Amplitudes, by type, of the waves that the high side returns for a plane wave of amplitude 1; for second
-        order in time.
+        """Displacement amplitudes, by type, of the waves that the high side returns for a plane wave of amplitude 1 of
+        type `incoming` (the first of `types` unless given), without types that do not propagate; for second order in
+        time.
 
-        Parameters
-        ----------
-        wavelength : float
-            Wavelength of the incoming wave.
-        angle : float
-            Angle between its wave vector and the normal, in degrees.
-        azimuth : float
-            In 3D, angle between the tangential part of its wave vector and the first axis along the side, in degrees.
-        incoming : str, optional
-            Its type, one of `types`; the first of them if not given.
-
-        Returns
-        -------
-        dict of str to complex
-            Displacement amplitudes, without the types that do not propagate at this angle.
-
-        Raises
-        ------
-        InputError
-            No such wave reaches the side because it is shorter than the lattice carries; or the integrator has several
-            stages.
+        `angle` is that between the wave vector and the normal, `azimuth` in 3D that between its tangential part and the
+        first axis along the side, both in degrees. InputError where the lattice does not carry so short a wave, or the
+        integrator has several stages.
         """
         sim = self.sim
         wave = self.medium.plane_wave(
@@ -358,7 +303,7 @@ class Strip:
         """A mode on the nodes along the normal; for vectors, its largest component."""
         if not mode.size:
             return mode
-        whole = np.zeros(self.state.size, complex)
-        whole[self.place[:, 0]] = mode
+        state = np.zeros(self.state.size, complex)
+        state[self.place[:, 0]] = mode
         lead = 3 - self.sim.lattice.dim
-        return np.moveaxis(self.state.portrait(whole), lead, 0).reshape(self.sim.engine.core.nodes[lead], -1)[:, 0]
+        return np.moveaxis(self.state.portrait(state), lead, 0).reshape(self.sim.engine.core.nodes[lead], -1)[:, 0]

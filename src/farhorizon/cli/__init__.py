@@ -14,9 +14,9 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, NoReturn
 
-from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json, said_plainly
+from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json, one_line_warnings
 from farhorizon.cli.parser import command_parser
-from farhorizon.cli.processes import end_all, pass_on_refusal, said_by_first, silence
+from farhorizon.cli.processes import end_all, first_process_prints, pass_on_refusal, silence
 from farhorizon.machine import without_collection
 
 
@@ -41,7 +41,7 @@ def _leave(number: int, frame: Any) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line, by default that of the process, and return the exit code."""
-    with said_by_first():
+    with first_process_prints():
         return _main(arguments)
 
 
@@ -56,7 +56,7 @@ def _main(arguments: Sequence[str] | None) -> int:
 
         check_json(getattr(options, "json", None))
         # silences all but the results and errors, which go to `options.output` and `options.errors`
-        with silence() if getattr(options, "quiet", False) else nullcontext(), said_plainly():
+        with silence() if getattr(options, "quiet", False) else nullcontext(), one_line_warnings():
             code = int(options.command(options) or GOOD)
         sys.stdout.flush()  # a full disk can still be reported here
         return code
@@ -68,8 +68,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         end_all(options, error, _interrupted)
         return _interrupted()
     except Exception as error:
-        end_all(options, error, partial(_tell, error))
-        return _tell(error)
+        end_all(options, error, partial(_report, error))
+        return _report(error)
 
 
 def _interrupted() -> int:
@@ -77,33 +77,24 @@ def _interrupted() -> int:
     return INTERRUPTED
 
 
-def _tell(error: Exception) -> int:
+def _report(error: Exception) -> int:
     """Report an error that is not the program's fault in one line and return the exit code; re-raise any other."""
     from farhorizon.errors import FarhorizonError, InputError
 
-    code = (
-        BAD_INPUT
-        if isinstance(error, InputError | PermissionError | FileExistsError | FileNotFoundError | NotADirectoryError)
-        else FAILED
-    )
+    bad_input = InputError | PermissionError | FileExistsError | FileNotFoundError | NotADirectoryError
     if isinstance(error, OSError):
         _let_go_of_stdout()
         if isinstance(error, BrokenPipeError):  # the reader of our output, such as head, has exited
             return FAILED
-        print(
-            f"farhorizon: {error.strerror or error}" + (f": {error.filename}" if error.filename else ""),
-            file=sys.stderr,
-        )
+        text = f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")
     elif isinstance(error, MemoryError):
-        print(
-            f"farhorizon: not enough memory ({error or 'no more to be had'}); remedy: a coarser or smaller lattice",
-            file=sys.stderr,
-        )
+        text = f"not enough memory ({error or 'no more to be had'}); remedy: a coarser or smaller lattice"
     elif isinstance(error, FarhorizonError):
-        print(f"farhorizon: {error}", file=sys.stderr)
+        text = str(error)
     else:
         raise error
-    return code
+    print(f"farhorizon: {text}", file=sys.stderr)
+    return BAD_INPUT if isinstance(error, bad_input) else FAILED
 
 
 def _let_go_of_stdout() -> None:

@@ -47,9 +47,9 @@ def check_command(options: argparse.Namespace) -> int:
         from farhorizon.studies.tuning import BUDGET, tuned
 
         with case.naming():
-            found = tuned(case.simulation(), budget=options.budget or BUDGET)
-        print(f"tuned: {found}\nin the case file: all = {found.toml}")
-        facts["tuned"] = found.as_json()
+            tuned_side = tuned(case.simulation(), budget=options.budget or BUDGET)
+        print(f"tuned: {tuned_side}\nin the case file: all = {tuned_side.toml}")
+        facts["tuned"] = tuned_side.as_json()
     write_json(options.json, facts)
     if report.refused:
         print("farhorizon: run refuses this case: it is not stable", file=options.errors)

@@ -28,14 +28,14 @@ def _list_or_compute(collection: Collection, options: argparse.Namespace) -> int
         _print_list(collection, options)
         return GOOD
     entries = collection.select(options.name)
-    found: dict[str, Any] = {}
+    facts: dict[str, Any] = {}
     unexplained = []
     for entry in entries:
         outcome = _compute(collection, entry, options)
         unexplained += [f"{entry.name}, {what}" for what in outcome.unexplained(collection.tolerance)]
-        found[entry.name] = entry.as_json(outcome)
+        facts[entry.name] = entry.as_json(outcome)
         # after each entry, so that a series that is interrupted keeps what it has found
-        write_json(options.json, found[entry.name] if len(entries) == 1 else found)
+        write_json(options.json, facts[entry.name] if len(entries) == 1 else facts)
     if unexplained:
         limit = f"more than {100 * collection.tolerance:g} % from the {collection.known} number, for no known reason"
         print(f"{limit}: {'; '.join(unexplained)}", file=options.output)
@@ -44,10 +44,10 @@ def _list_or_compute(collection: Collection, options: argparse.Namespace) -> int
 
 def _print_list(collection: Collection, options: argparse.Namespace) -> None:
     entries = collection.entries()
-    named = {name: ", ".join([name, *entry.figures]) for name, entry in entries.items()}
-    width, longest = max(map(len, named.values())), max(len(entry.duration) for entry in entries.values())
+    labels = {name: ", ".join([name, *entry.figures]) for name, entry in entries.items()}
+    width, longest = max(map(len, labels.values())), max(len(entry.duration) for entry in entries.values())
     for name, entry in entries.items():
-        print(f"{named[name]:{width}}  {entry.duration:{longest}}  {entry.title}", file=options.output)
+        print(f"{labels[name]:{width}}  {entry.duration:{longest}}  {entry.title}", file=options.output)
     write_json(options.json, {name: entry.facts for name, entry in entries.items()})
 
 

@@ -18,19 +18,19 @@ from farhorizon.cli.processes import refuse_processes
 GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
-def write_json(path: str | None, figures: Mapping[str, Any]) -> None:
-    """Write the figures of a command to the file of --json, if given; `farhorizon.cli.outputs` describes them."""
+def write_json(path: str | None, facts: Mapping[str, Any]) -> None:
+    """Write the output of a command to the file of --json, if given; `farhorizon.cli.outputs` describes it."""
     if path:
-        Path(path).write_text(json.dumps(_finite(figures), indent=1, allow_nan=False) + "\n")
+        Path(path).write_text(json.dumps(_finite(facts), indent=1, allow_nan=False) + "\n")
 
 
-def _finite(figures: Any) -> Any:
-    """The same figures with null for values that overflowed, because JSON has no infinity."""
-    if isinstance(figures, Mapping):
-        return {name: _finite(value) for name, value in figures.items()}
-    if isinstance(figures, list):
-        return list(map(_finite, figures))
-    return None if isinstance(figures, float) and not math.isfinite(figures) else figures
+def _finite(facts: Any) -> Any:
+    """The same output with null for numbers that overflowed, because JSON has no infinity."""
+    if isinstance(facts, Mapping):
+        return {name: _finite(value) for name, value in facts.items()}
+    if isinstance(facts, list):
+        return list(map(_finite, facts))
+    return None if isinstance(facts, float) and not math.isfinite(facts) else facts
 
 
 def check_json(name: str | None) -> None:
@@ -50,15 +50,12 @@ def check_folder(name: str) -> None:
     """Refuse a folder that cannot be created, without creating it."""
     from farhorizon.errors import InputError
 
-    there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
-    if not (there.is_dir() and os.access(there, os.W_OK)):
-        taken = "a file: choose another folder, or another name for the case, such as case.toml"
-        raise InputError(
-            "cannot make the folder",
-            value=name,
-            key="--out",
-            remedy=f"{there} is {taken if there.is_file() else 'not a writable folder: choose another'}",
-        )
+    existing = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
+    if not (existing.is_dir() and os.access(existing, os.W_OK)):
+        what = "not a writable folder: choose another"
+        if existing.is_file():
+            what = "a file: choose another folder, or another name for the case, such as case.toml"
+        raise InputError("cannot make the folder", value=name, key="--out", remedy=f"{existing} is {what}")
 
 
 def made_folder(name: str) -> Path:
@@ -73,12 +70,12 @@ def made_folder(name: str) -> Path:
     return folder
 
 
-def case_of(options: argparse.Namespace, together: bool = False) -> Any:
-    """The case file with the changes of the command line; only on one process, unless several compute it `together`."""
+def case_of(options: argparse.Namespace, parallel: bool = False) -> Any:
+    """The case file with the changes of the command line; only on one process, unless several compute it together."""
     from farhorizon.case.case import Case
     from farhorizon.case.changes import parsed
 
-    if not together:
+    if not parallel:
         refuse_processes()
     return Case.read(options.case, dict(map(parsed, options.set)) | thread_change(options))
 
@@ -89,7 +86,7 @@ def thread_change(options: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextmanager
-def said_plainly() -> Iterator[None]:
+def one_line_warnings() -> Iterator[None]:
     """Context in which validity warnings are printed as single lines on stderr."""
     from farhorizon.errors import ValidityWarning
 

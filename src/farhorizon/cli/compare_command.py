@@ -16,7 +16,8 @@ def _compare_case(
     import numpy as np
 
     from farhorizon.pictures.curves import error_history
-    from farhorizon.pictures.fields import field_panels, magnitude
+    from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel, magnitude
     from farhorizon.pictures.style import counted_in, time_text, with_unit
     from farhorizon.pictures.words import axis_label
     from farhorizon.studies.compare import compare
@@ -34,9 +35,9 @@ def _compare_case(
     named = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
     curves = {name: (np.array(c["times"]), np.array(c["error_rel_initial"])) for name, c in result.curves.items()}
     with counted_in(case.unit_names):
-        fields = [(f"{name}, t = {time_text(result.shown_time)}", value) for name, value in shown.items()]
-        label = axis_label(named, "u", case.quantities)
-        field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label, smooth=True)
+        panels = [Panel(f"{name}, t = {time_text(result.shown_time)}", value) for name, value in shown.items()]
+        look = Look(axis_label(named, "u", case.quantities), cracks=case.polylines, smooth=True)
+        field_panels(panels, case.lattice.axes, picture, look)
         above, below = f"max error / {result.scale}", with_unit("t", "time")
         error_history(curves, history, above, "Error against the infinite medium", xlabel=below)
     print(f"pictures: {picture}, {history}")

@@ -80,12 +80,12 @@ class _WithNull(GenerateJsonSchema):
 def output_schema(command: str) -> dict[str, Any]:
     """JSON Schema of the output of a command with --json."""
     config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
-    whole: Any = create_model("Output", __config__=config, figures=(OUTPUTS[command], ...))
-    made = whole.model_json_schema(schema_generator=_WithNull)
+    output: Any = create_model("Output", __config__=config, figures=(OUTPUTS[command], ...))
+    schema = output.model_json_schema(schema_generator=_WithNull)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **made["properties"]["figures"],
-        "$defs": made["$defs"],
+        **schema["properties"]["figures"],
+        "$defs": schema["$defs"],
         "title": f"farhorizon {command} --json",
         "description": f"What farhorizon {__version__} writes with {command} --json; null for what overflowed.",
     }

@@ -13,8 +13,7 @@ from typing import Any, NoReturn
 from farhorizon.cli.check_command import check_command
 from farhorizon.cli.collection_commands import reproduce_command, validate_command
 from farhorizon.cli.compare_command import compare_command, demo_command
-from farhorizon.cli.merge_command import merge_command
-from farhorizon.cli.plot_command import plot_command
+from farhorizon.cli.result_commands import merge_command, plot_command
 from farhorizon.cli.run_command import run_command
 from farhorizon.cli.sweep_command import sweep_command
 from farhorizon.cli.text_commands import info_command, keys_command, new_command, schema_command
@@ -36,13 +35,13 @@ class _Command(argparse.ArgumentParser):
     """Rejects unknown options itself: argparse leaves them to the main parser, whose usage message does not help."""
 
     def parse_known_args(self, *given: Any) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
-        known, others = super().parse_known_args(*given)
-        if others:
+        known, unknown = super().parse_known_args(*given)
+        if unknown:
             options = re.findall(r"--[\w-]+", self.format_help())
-            near = get_close_matches(others[0].partition("=")[0], options, 1)
+            near = get_close_matches(unknown[0].partition("=")[0], options, 1)
             guess = f"; did you mean {near[0]}?" if near else ""
-            self.error(f"unrecognized arguments: {' '.join(others)}{guess}")
-        return known, others
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{guess}")
+        return known, unknown
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -213,6 +212,7 @@ def _merge(sub: argparse.ArgumentParser) -> None:
 
 
 def _entry(sub: argparse.ArgumentParser, names: Callable[[], list[str]]) -> None:
+    """Options of the two commands that compute an entry of a collection, whose names the shell completes."""
     name = sub.add_argument("name", nargs="?", help="name in the list, its part before the first hyphen, or all")
     name.completer = lambda **_: names()  # type: ignore[attr-defined]  # for argcomplete
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
@@ -249,13 +249,13 @@ def _demo(sub: argparse.ArgumentParser) -> None:
 
 
 def _schema(sub: argparse.ArgumentParser) -> None:
-    writing = [name for name, (_, options, _) in _COMMANDS.items() if _computing in options]
+    with_json = [name for name, (_, options, _) in _COMMANDS.items() if _computing in options]
     sub.add_argument(
         "of",
         nargs="?",
-        choices=writing,
+        choices=with_json,
         metavar="COMMAND",
-        help=f"the command whose --json output is described: {', '.join(writing)} (default: case files)",
+        help=f"the command whose --json output is described: {', '.join(with_json)} (default: case files)",
     )
 
 

@@ -20,10 +20,11 @@ _NUMBERS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID"
 
 def started() -> int:
     """Number of processes that were started together."""
-    return max((_told(name) for name in _COUNTS), default=1)
+    return max((_number_in(name) for name in _COUNTS), default=1)
 
 
-def _told(name: str) -> int:
+def _number_in(name: str) -> int:
+    """Number in an environment variable; 0 if it has none."""
     text = os.environ.get(name, "")
     return int(text) if text.isdecimal() else 0
 
@@ -35,18 +36,13 @@ def silence() -> Iterator[None]:
         yield
 
 
-def said_by_first() -> Any:
+def first_process_prints() -> Any:
     """Context in which only the first process prints."""
-    return silence() if started() > 1 and any(map(_told, _NUMBERS)) else nullcontext()
+    return silence() if started() > 1 and any(map(_number_in, _NUMBERS)) else nullcontext()
 
 
 def refuse_processes() -> None:
-    """Refuse to be one of several processes: each would compute the complete case, into the same files.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse to be one of several processes: each would compute the complete case, into the same files."""
     from farhorizon.errors import InputError
 
     if started() > 1:
@@ -59,12 +55,8 @@ def refuse_processes() -> None:
 
 
 def communicator() -> Any:
-    """Communicator of all processes that were started together; None if there is only one.
-
-    Raises
-    ------
-    InputError
-        mpi4py is missing, or does not see the other processes.
+    """Communicator of all processes that were started together, None if there is only one; InputError if mpi4py is
+    missing, or does not see the other processes.
     """
     from farhorizon.errors import InputError
 
@@ -92,7 +84,7 @@ def communicator() -> Any:
 
 
 def all_processes() -> ProcessGroup:
-    """Return the team of all processes that were started together; raises as `communicator` does."""
+    """All processes that were started together; raises as `communicator` does."""
     from farhorizon.simulation.processes.process_group import ProcessGroup
 
     return ProcessGroup(communicator())
@@ -102,8 +94,7 @@ def _pass_on(error: BaseException) -> None:
     """Report an error that came before this process knew of the others, which may wait for it when they do."""
     if started() > 1 and isinstance(error, Exception):
         with suppress(Exception):  # there is no mpi4py; or another process fails, too
-            team = all_processes()
-            with team.agreed():
+            with all_processes().agreed():
                 raise error
 
 
@@ -115,19 +106,19 @@ def pass_on_refusal(arguments: Sequence[str]) -> None:
     _pass_on(InputError("a process was given another command line", value=" ".join(arguments), remedy=remedy))
 
 
-def end_all(options: argparse.Namespace | None, error: BaseException, tell: Callable[[], int]) -> None:
+def end_all(options: argparse.Namespace | None, error: BaseException, report: Callable[[], int]) -> None:
     """If this process failed alone among several, report it and end them all: they would wait for it for ever."""
-    team: ProcessGroup | None = getattr(options, "team", None)
-    if team is None:
+    processes: ProcessGroup | None = getattr(options, "team", None)
+    if processes is None:
         _pass_on(error)
         return
 
-    def told() -> int:
+    def reported() -> int:
         with redirect_stderr(sys.__stderr__):
             try:
-                return tell()
+                return report()
             except Exception:
                 traceback.print_exc()
         return 1
 
-    team.end_all(error, told)
+    processes.end_all(error, reported)

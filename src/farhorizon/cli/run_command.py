@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from farhorizon.cli.common import GOOD, case_of, check_folder, made_folder, write_json
 from farhorizon.cli.processes import all_processes
@@ -21,28 +21,26 @@ if TYPE_CHECKING:
 
 #: Options that must be the same on all processes; the others concern the first one alone, or its machine.
 _ALIKE = "until", "out", "resume", "force", "allow_unstable", "keep_checkpoint", "no_report"
-_DRAWN = 64  # bytes per node that drawing may take, for results of several processes
+_DRAWN = 64  # bytes per node that drawing may take, for results of several processes: eight arrays
 
 
 def run_command(options: argparse.Namespace) -> int:
     """Run a case, on all processes that were started together; only the first one prints, draws and checks existing
     files.
     """
-    import numpy as np
-
     from farhorizon.errors import InputError
     from farhorizon.simulation.time.checkpoint_files import remove_checkpoint
 
     options.team = team = all_processes()
     with team.agreed():
-        case = case_of(options, together=True)
+        case = case_of(options, parallel=True)
         given = {f"--{name.replace('_', '-')}": getattr(options, name) for name in _ALIKE}
         team.alike({"case": tomllib.loads(case.text), **given})
         until = case.end if options.until is None else options.until  # for a run to its static state, the latest end
-        if not (np.isfinite(until) and until > 0):
+        if not (math.isfinite(until) and until > 0):
             raise InputError("the end of the run must be positive", value=until, limit="> 0", key="--until")
         files = RunFiles(Path(options.out), case.name)
-    team.by_first(lambda: _look(options, files))
+    team.by_first(lambda: _check_files(options, files))
     with team.agreed():
         sim = case.run(communicator=team)
     with team.agreed(), case.naming():
@@ -55,22 +53,35 @@ def run_command(options: argparse.Namespace) -> int:
         output, steps, code = advance_run(options, case, sim, files, until, last)
         if code == GOOD:
             taken, energy = time.perf_counter() - began, sim.energy()
-            broken = sim.broken_bonds if "damage" in sim.fields else None
+            broken = f"; {sim.broken_bonds} bonds have broken" if "damage" in sim.fields else ""
             output.conclude()
-            kept = options.keep_checkpoint or until < case.end
+            done = _Finished(case, sim, certificate, until, options.keep_checkpoint or until < case.end, taken, energy)
 
-            def tell() -> None:
-                _sum_up(case, sim, steps, taken, broken)
-                _tell(options, case, sim, certificate, until, files, kept, taken, energy)
+            def report() -> None:
+                reached = f"{case.name}: t = {sim.time:g} reached, {steps} steps and their files in {taken:.3g} s"
+                print(reached + broken)
+                _report(options, files, done)
 
-            team.by_first(tell)
+            team.by_first(report)
             output.finish()
-            if not kept:
+            if not done.kept:
                 team.by_first(lambda: remove_checkpoint(files.checkpoint))
     return code
 
 
-def _look(options: argparse.Namespace, files: RunFiles) -> None:
+class _Finished(NamedTuple):
+    """A run at its end."""
+
+    case: Any
+    sim: Any
+    certificate: Any  # made before the run
+    until: float
+    kept: bool  # whether its checkpoint stays
+    taken: float  # seconds for steps and files
+    energy: float
+
+
+def _check_files(options: argparse.Namespace, files: RunFiles) -> None:
     """Refuse a missing checkpoint, results that would be lost, and a folder that cannot be created."""
     from farhorizon.errors import InputError
 
@@ -114,59 +125,47 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
         raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
 
 
-def _sum_up(case: Any, sim: Any, steps: int, seconds: float, broken: int | None) -> None:
-    """Print a summary: time reached, steps, duration and broken bonds."""
-    said = f"{case.name}: t = {sim.time:g} reached, {steps} steps and their files in {seconds:.3g} s"
-    if broken is not None:
-        said += f"; {broken} bonds have broken"
-    print(said)
-
-
-def _tell(
-    options: argparse.Namespace,
-    case: Any,
-    sim: Any,
-    certificate: Any,
-    until: float,
-    files: RunFiles,
-    kept: bool,
-    taken: float,
-    energy: float,
-) -> None:
-    """Draw the results, write the page about them and the figures, and print their paths."""
-    from farhorizon.case.run_page import write_report
+def _report(options: argparse.Namespace, files: RunFiles, done: _Finished) -> None:
+    """Draw the results, write the page about them and the output of --json, and print their paths."""
+    from farhorizon.case.run_page import RunPage
     from farhorizon.files.results import open_results
     from farhorizon.machine import available_memory
     from farhorizon.pictures.result_pictures import plot_results
     from farhorizon.pictures.views import View
     from farhorizon.simulation.setup.setup import wanted_threads
 
-    results = open_results(files.result, verify=False)
+    case, sim, results = done.case, done.sim, open_results(files.result, verify=False)
     for caution in results.cautions:
         print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
-    moments = [time for time in case.parts.output.pictures or () if time <= until]
-    view = View(times=moments or None, cracks=results.outlines.get("cracks", ()), quantities=case.quantities)
+    times = [time for time in case.parts.output.pictures or () if time <= done.until]
+    view = View(times=times or None, cracks=results.outlines.get("cracks", ()), quantities=case.quantities)
     fits = not sim.team or _DRAWN * math.prod(case.lattice.shape) < available_memory()
     pictures = plot_results(results, files.pictures, view, print) if fits else []
     made_folder(str(files.pictures))
     results.write_outlines(files.pictures / "outlines.vtp")
     shown = ", ".join(map(str, pictures)) if fits else "none, one process cannot hold the fields"
-    said = f"results: {files.result} ({len(results.times)} outputs); pictures: {shown}"
+    paths = f"results: {files.result} ({len(results.times)} outputs); pictures: {shown}"
     if fits and not options.no_report:
-        threads = wanted_threads(case.parts.run.threads)
-        page = files.pictures / "report.html"
-        onward = f"{again(options, until=False)} --until T" if kept else ""
-        write_report(page, case, sim, certificate, results, pictures, threads=threads, again=onward, seconds=taken)
-        said += f"; report: {page}"
-    print(said, file=options.output)
-    figures: RunFacts = {
+        page = RunPage(
+            case,
+            sim,
+            done.certificate,
+            results,
+            pictures,
+            threads=wanted_threads(case.parts.run.threads),
+            again=f"{again(options, until=False)} --until T" if done.kept else "",
+            seconds=done.taken,
+        )
+        paths += f"; report: {page.write(files.pictures / 'report.html')}"
+    print(paths, file=options.output)
+    facts: RunFacts = {
         "name": case.name,
         "steps": sim.step_count,
         "time": sim.time,
         "dt": sim.dt,
-        "energy": energy,
+        "energy": done.energy,
         "results": str(files.result),
         "pictures": [str(p) for p in pictures],
-        "certificate": certificate.as_json(),
+        "certificate": done.certificate.as_json(),
     }
-    write_json(options.json, figures)
+    write_json(options.json, facts)

@@ -53,14 +53,14 @@ def advance_run(
     """Begin or resume the files of a run and advance it to its last step, or until a signal arrives; returns its
     results, the number of steps taken and the exit code.
     """
-    with _stopping(sim) as came:
-        output = _taken_up(case, sim, files) if options.resume else _begun(options, case, sim, files)
+    with _stopping(sim) as signals:
+        output = _resumed(case, sim, files) if options.resume else _begun(options, case, sim, files)
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
         nodes = round(sim.team.total({"nodes": sim.lattice.nodes})["nodes"])
         boxes = "" if sim.subdomain is None else f" on {sim.team.size} processes in {sim.subdomain.words} boxes"
         print(
-            f"{case.name}: {nodes} nodes{boxes}, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
+            f"{case.name}: {nodes} nodes{boxes}, dt = {sim.dt:.6g}, {'at most ' * _to_static(options, case)}"
             f"{last} steps to t = {last * sim.dt:g}; "
             f"outputs {case.schedule(sim.dt)}"
         )
@@ -72,24 +72,26 @@ def advance_run(
             record.keep()
         sim.observers.append(record.observe)
         before = sim.step_count
-        code = _advance(options, case, sim, until, record, came)
+        code = _advance(options, case, sim, until, record, signals)
         return output, sim.step_count - before, code
 
 
-def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, record: _Record, came: list[int]) -> int:
+def _advance(
+    options: argparse.Namespace, case: Any, sim: Any, until: float, record: _Record, signals: list[int]
+) -> int:
     """Run to the end and keep the state reached then, or when a signal arrived; returns the exit code."""
     from farhorizon.errors import FarhorizonError
 
+    end, limits = (case.parts.run.until, case.to_rest) if _to_static(options, case) else (until, {})
     try:
-        end = (case.parts.run.until, case.to_rest) if _to_rest(options, case) else (until, {})
-        sim.run(end[0], case.every(sim.dt), allow_unstable=options.allow_unstable, **end[1])
+        sim.run(end, case.every(sim.dt), allow_unstable=options.allow_unstable, **limits)
     except KeyboardInterrupt as stopped:
         if not sim.team.knows(stopped):
             raise
-        if len(came) == 1 or sim.team:  # ended between two steps
+        if len(signals) == 1 or sim.team:  # ended between two steps
             record.keep()
         print(f"\ninterrupted at t = {sim.time:g}; continue with: {again(options)}", file=options.errors)
-        return int(sim.team.largest(128 + came[0] if came else INTERRUPTED))
+        return int(sim.team.largest(128 + signals[0] if signals else INTERRUPTED))
     except FarhorizonError:
         print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
         raise
@@ -98,26 +100,26 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
         print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
         raise
     record.keep()
-    if _to_rest(options, case):
+    if _to_static(options, case):
         print(f"{case.name}: ended at t = {sim.time:g}")
     return GOOD
 
 
-def _to_rest(options: argparse.Namespace, case: Any) -> bool:
+def _to_static(options: argparse.Namespace, case: Any) -> bool:
     """Whether the run ends at a static state rather than at a given time."""
     return options.until is None and isinstance(case.parts.run.until, str)
 
 
-def _taken_up(case: Any, sim: Any, files: RunFiles) -> RunResults:
+def _resumed(case: Any, sim: Any, files: RunFiles) -> RunResults:
     """The results of an interrupted run as they were at its checkpoint; the simulation is set to the checkpoint."""
     from farhorizon.simulation.time.output import RunResults
 
     with sim.team.agreed():
         _check_unchanged(case, files.result)
-    kept = sim.load(files.checkpoint)
+    counts = sim.load(files.checkpoint)
     sim.probes.take()  # drop the record of the start, which is in the file
-    outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
-    return RunResults.resume(sim, files.result, outputs, rows, records, kept.get("recorded"))
+    outputs, rows, records = (int(counts[name]) for name in ("outputs", "rows", "records"))
+    return RunResults.resume(sim, files.result, outputs, rows, records, counts.get("recorded"))
 
 
 def _check_unchanged(case: Any, path: Path) -> None:
@@ -128,8 +130,9 @@ def _check_unchanged(case: Any, path: Path) -> None:
     from farhorizon.files.results import open_results
 
     before, now = (tomllib.loads(text) for text in (open_results(path, verify=False).case, case.text))
-    for one in (before, now):
-        one |= {f"output.{name}": one.get("output", {}).get(name, usual) for name, usual in _WRITTEN.items()}
+    for case_data in (before, now):
+        output = case_data.get("output", {})
+        case_data |= {f"output.{name}": output.get(name, usual) for name, usual in _WRITTEN.items()}
     changed = sorted(name for name in {*before, *now} - _FREE if before.get(name) != now.get(name))
     if changed:
         raise FileFormatError(
@@ -197,17 +200,17 @@ def _stopping(sim: Any) -> Iterator[list[int]]:
     """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals received. A
     second one acts at once.
     """
-    came: list[int] = []
+    signals: list[int] = []
 
     def interrupt(number: int, frame: Any) -> None:
-        came.append(number)
-        if len(came) > 1:
+        signals.append(number)
+        if len(signals) > 1:
             raise KeyboardInterrupt
         sim.stop_requested = True
 
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield came
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -215,8 +218,8 @@ def _stopping(sim: Any) -> Iterator[list[int]]:
 
 def again(options: argparse.Namespace, until: bool = True) -> str:
     """The command that continues a run, with all options that it was given, except its end if not `until`."""
-    together = ["mpiexec", "-n", str(options.team.size)] if options.team else []
-    words = [*together, "farhorizon", "run", options.case, "--resume"]
+    launcher = ["mpiexec", "-n", str(options.team.size)] if options.team else []
+    words = [*launcher, "farhorizon", "run", options.case, "--resume"]
     for name, value, default in (
         ("--out", options.out, "."),
         ("--until", options.until if until else None, None),

@@ -24,21 +24,21 @@ def sweep_command(options: argparse.Namespace) -> int:
     if options.force:
         path.unlink(missing_ok=True)
     try:
-        found = sweep(case, changes, table=path, jobs=options.jobs, progress=True)
+        swept = sweep(case, changes, table=path, jobs=options.jobs, progress=True)
     except KeyboardInterrupt:
         print(f"\ninterrupted; the same command continues {path}", file=options.errors)
         return INTERRUPTED
-    print(found, file=options.output)
+    print(swept, file=options.output)
     print(f"table: {path}")
-    figures: SweepFacts = {
+    facts: SweepFacts = {
         "name": case.name,
         "table": str(path),
-        "changes": found.changes,
-        "figures": found.figures,
-        "failed": {str(number): why for number, why in found.failed.items()},
+        "changes": swept.changes,
+        "figures": swept.figures,
+        "failed": {str(number): why for number, why in swept.failed.items()},
     }
-    write_json(options.json, figures)
-    return FAILED if found.failed else GOOD
+    write_json(options.json, facts)
+    return FAILED if swept.failed else GOOD
 
 
 def _changes(texts: Sequence[str]) -> dict[str, list[Any]]:

@@ -14,29 +14,19 @@ from farhorizon.engine.bonds import PHASES, factors_of
 from farhorizon.engine.exchange import FILTER
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import cut_filter, cut_links, without
-from farhorizon.engine.layer_cuts import cut_layers
+from farhorizon.engine.layer_passes import cut_layers
 from farhorizon.engine.surface import bare_bonds, surface_of
 from farhorizon.engine.tables import Cuts, Material
 
 
 class AbsentBonds:
-    """Bonds and nodes that the medium of an engine lacks.
+    """Bonds and nodes that the medium of an engine lacks."""
 
-    Parameters
-    ----------
-    engine : Field
-    bonds : BondZone
-
-    Attributes
-    ----------
-    count : int
-        Number of absent bonds, counted from each end that is a node.
-    exists : ndarray of bool, shape (places,)
-        Places where nodes exist.
-    outside : ndarray of int
-        Places in a level, of the first component, where no node exists but from which bonds lead to existing nodes:
-        they must be held at zero.
-    """
+    count: int  #: Number of absent bonds, counted from each end that is a node.
+    exists: np.ndarray  #: Where nodes exist, bool, shape (places,).
+    #: Places in a level, of the first component, where no node exists but from which bonds lead to existing nodes: they
+    #: must be held at zero.
+    outside: np.ndarray
 
     def __init__(self, engine: Field, bonds: BondZone) -> None:
         self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
@@ -48,17 +38,12 @@ class AbsentBonds:
     def set(
         self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
     ) -> None:
-        """Set the bonds that are absent.
+        """Set the bonds that are absent, by the places of their ends (of the first component), one entry per direction,
+        and their `weights` without coefficients, shape (bonds,) or (bonds, d, d), which are subtracted; and the places
+        where nodes exist, shape (places,), by default all.
 
-        Parameters
-        ----------
-        nodes, neighbours : ndarray of int, shape (bonds,)
-            Place of a node and of its neighbour (of the first component); one entry per direction.
-        weights : ndarray, shape (bonds,) or (bonds, d, d)
-            Weights that are subtracted, without coefficients.
-        exists : ndarray of bool, shape (places,), optional
-            Where nodes exist, by default everywhere. No bond leads from or to a place without a node, where all levels
-            must hold zero: beyond the core and the layers they do, and the nodes `outside` must be kept at zero.
+        No bond leads from or to a place without a node, where all levels must hold zero: beyond the core and the layers
+        they do, and the nodes `outside` must be kept at zero.
         """
         engine = self.engine
         self.exists = np.ones(engine.layout.size, bool) if exists is None else exists
@@ -70,22 +55,18 @@ class AbsentBonds:
         self._clear_drag(nodes, neighbours, *bare)
         swept = self.bonds.clear(nodes, neighbours) if self.bonds else np.zeros(len(nodes), bool)
         swept &= self.bonds.forces
-        nodes, neighbours, weights = (
-            nodes[~swept].astype(np.int64),
-            neighbours[~swept].astype(np.int64),
-            weights[~swept],
-        )
-        order = np.lexsort((neighbours, nodes))
-        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
-        if engine.dragged_layers is not None:
-            layers = engine.dragged_layers.without(nodes, neighbours)
+        order = np.flatnonzero(~swept)
+        order = order[np.lexsort((neighbours[order], nodes[order]))]
+        nodes, neighbours, weights = nodes[order].astype(np.int64), neighbours[order].astype(np.int64), weights[order]
+        if engine.drag_pass is not None:
+            layers = engine.drag_pass.without(nodes, neighbours)
             engine.replace(neighbours=engine.tables.neighbours._replace(layers=layers))
         if engine.passes is not None:
             engine.passes.leave_out(nodes, neighbours, *bare, self.exists)
             if not engine.weights.any():
                 nodes, neighbours, weights = nodes[:0], neighbours[:0], weights[:0]
-        if engine.thermoelastic_layers is not None:
-            pushes, traces = engine.thermoelastic_layers.without(nodes, neighbours)
+        if engine.heat_passes:
+            pushes, traces = (heat_pass.without(nodes, neighbours) for heat_pass in engine.heat_passes)
             tables = engine.tables
             engine.replace(pushes=tables.pushes._replace(layers=pushes), traces=tables.traces._replace(layers=traces))
         engine.replace(
@@ -100,9 +81,10 @@ class AbsentBonds:
             return
         order = np.argsort(drag.distances)
         bonds = order[np.searchsorted(drag.distances[order], neighbours - nodes)]
-        for ends, which in [(nodes, bonds), *((bare_nodes[row], np.full(row.sum(), k)) for k, row in enumerate(bare))]:
-            gone = ~(np.uint64(1) << (which & 63).astype(np.uint64))
-            np.bitwise_and.at(drag.alive, (which >> 6, ends), gone)
+        bare_ends = ((bare_nodes[row], np.full(row.sum(), k)) for k, row in enumerate(bare))
+        for ends, numbers in [(nodes, bonds), *bare_ends]:
+            gone = ~(np.uint64(1) << (numbers & 63).astype(np.uint64))
+            np.bitwise_and.at(drag.alive, (numbers >> 6, ends), gone)
 
     def _cut_filter(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
         """Keep the filter of short waves from reaching across absent bonds, and bonds that have lost at least half
@@ -115,8 +97,8 @@ class AbsentBonds:
         distances = engine.offsets @ np.array(engine.layout.box.stride)
         order = np.argsort(distances)
         bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
-        taken, whole = (np.abs(w).max(axis=tuple(range(1, w.ndim)), initial=0) for w in (weights, engine.weights))
-        most = taken >= whole[bonds] / 2
+        taken, full = (np.abs(w).max(axis=tuple(range(1, w.ndim)), initial=0) for w in (weights, engine.weights))
+        most = taken >= full[bonds] / 2
         to, source, _ = filtered.copies[:, filtered.copies[2] > 0]
         ends = []
         for link in cut_links(filtered, engine.layout, np.array([nodes[most], neighbours[most]]), self.exists):
@@ -131,10 +113,10 @@ class AbsentBonds:
         the nodes with bonds of which only one end exists, and which bonds these are.
         """
         engine, exists, box, material = self.engine, self.exists, self.engine.layout.box, self.engine.tables.material
-        known = self._opened
-        if known is not None and known[1] is material and np.array_equal(known[0], exists) and not self.bonds:
-            self.count += int(known[3].sum())
-            return known[2:]
+        opened = self._opened  # the last time
+        if opened is not None and opened[1] is material and np.array_equal(opened[0], exists) and not self.bonds:
+            self.count += int(opened[3].sum())
+            return opened[2:]
         at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
         bare = np.zeros((len(engine.offsets), 0), bool)
         if not exists.all():
@@ -164,11 +146,11 @@ class AbsentBonds:
         engine = self.engine
         material = engine.tables.material
         total = np.zeros((len(nodes), *engine.weights.shape[1:]))
-        for offset, weight, which in zip(engine.offsets, engine.weights, chosen, strict=True):
-            mine = nodes[which]
-            other = mine + int(offset @ np.array(engine.layout.box.stride))
-            factors = np.ones(len(mine)) if material.rule == PHASES else factors_of(material, mine, other)
-            total[which] += np.multiply.outer(factors, weight)
+        for offset, weight, has_bond in zip(engine.offsets, engine.weights, chosen, strict=True):
+            ends = nodes[has_bond]
+            neighbours = ends + int(offset @ np.array(engine.layout.box.stride))
+            factors = np.ones(len(ends)) if material.rule == PHASES else factors_of(material, ends, neighbours)
+            total[has_bond] += np.multiply.outer(factors, weight)
         return total
 
     def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
@@ -179,7 +161,7 @@ class AbsentBonds:
         cut = np.zeros(len(nodes))
         if keys.size:
             order = np.argsort(keys)
-            wanted = nodes * size + neighbours
-            at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
-            cut = np.where(keys[order][at] == wanted, cut_weights[order][at].astype(float), 0.0)
+            asked = nodes * size + neighbours
+            at = np.minimum(np.searchsorted(keys[order], asked), keys.size - 1)
+            cut = np.where(keys[order][at] == asked, cut_weights[order][at].astype(float), 0.0)
         return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)

@@ -20,42 +20,32 @@ from farhorizon.engine.bonds import (
     RULES,
     UNCHANGED,
     Bonds,
+    StateBonds,
     Zone,
     all_bits,
     factors_of,
 )
 from farhorizon.engine.field import Field
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
-from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
-from farhorizon.engine.rows.build import load_bonds
+from farhorizon.engine.rows.bond_sweeps import LANES, ROWS, BondLaw
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.thermal_strain import add_traces, add_traces_of_states
 
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 
 
 class BondZone:
-    """Zone of an engine where bonds have a law of their own stretch; empty until it is `set`.
-
-    Parameters
-    ----------
-    engine : Field
-
-    Attributes
-    ----------
-    softening : str or None
-        How bonds soften beyond their limit, see `set`.
-    """
+    """Zone of an engine where bonds have a law of their own stretch; empty until it is `set`."""
 
     def __init__(self, engine: Field) -> None:
         self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
-        self.softening: str | None = None
+        self.softening: str | None = None  # how bonds soften beyond their limit
         self._unbroken: np.ndarray | None = None
 
     def expect_cuts(self) -> None:
-        """Start to keep the bits of all bonds that are not cut, to tell those that break from those that are cut
-        later.
-        """
+        """Keep the bits of all bonds that are not cut, to tell those that break from those that are cut later."""
         if self._unbroken is None:
             self._unbroken = self.table.alive.copy()
 
@@ -87,70 +77,72 @@ class BondZone:
         final: np.ndarray | None = None,
         contact_stiffness: np.ndarray | None = None,
     ) -> None:
-        """Set the zone: bonds with both ends in it have a law of their own stretch and may break.
+        """Set the zone, in nodes of the core: bonds with both ends in it have a law of their own stretch and may break.
 
-        Parameters
-        ----------
-        stiffness : ndarray, shape (K,)
-            Force per unit elongation, of each offset, on a unit of mass, without coefficients; in state-based media
-            that of closing bonds.
-        spacing : float
-            Distance between nodes, in the unit of the field.
-        zone : Zone
-            In nodes of the core.
-        nonlinear : bool
-        limit : float
-            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break;
-            may be infinite.
-        strength : ndarray, shape of the core, optional
-            Limit of the bonds of each node relative to that of the weakest node, which is then `limit`; the weaker end
-            of a bond counts.
-        contact : bool
-            Whether bonds that are cut or broken carry compression.
-        warm : bool
-            Whether nodes have thermal strains, see `engine.thermal_strain`.
-        softening : {"linear", "exponential"}, optional
-            How the force of bonds beyond the limit falls to zero (`bond_sweeps`); by default they break at once.
-        final : ndarray, shape of the core
-            For softening bonds, the stretch at which the bonds of each node have lost all stiffness; not below the
-            limit.
-        contact_stiffness : ndarray, shape of the core, optional
-            In state-based media, stiffness of closing bonds of each node relative to that of the medium.
+        `stiffness`, shape (K,), is the force per unit elongation of each offset on a unit of mass, without
+        coefficients; in state-based media that of closing bonds. Bonds with an ``|xi + eta|^2 / |xi|^2 - 1``
+        (linearised: ``2 xi . eta / |xi|^2``) of up to `limit`, which may be infinite, do not break. With `contact`
+        bonds that are cut or broken carry compression. Those beyond the limit may soften (`bond_sweeps.SOFTENINGS`)
+        instead of breaking at once. `warm` nodes have thermal strains, see `engine.thermal_strain`.
+
+        Three arrays have the shape of the core: `strength`, the limit of the bonds of each node relative to that of the
+        weakest node, which is then `limit`, and the weaker end of a bond counts; `final`, the stretch at which
+        softening bonds have lost all stiffness, not below the limit; and, in state-based media, `contact_stiffness`
+        relative to the stiffness of the medium.
         """
-        engine, self.softening = self.engine, softening
-        block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
+        engine, self.softening, self._unbroken = self.engine, softening, None
+        block, components, forces = engine.layout.box, engine.components, engine.passes is None
         xi = spacing * engine.offsets[:, 3 - components :].astype(float)
         scaled = engine.stages.numbers[0][2] * np.asarray(stiffness)
-        table = np.column_stack([xi, 1 / (xi**2).sum(1), scaled]).astype(engine.dtype)
-        places = np.column_stack([self.engine.offsets @ np.array(block.stride), self.engine.offsets]).astype(np.int64)
-        alive = np.zeros(
-            (len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64
-        )
-        alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
-        self._unbroken = None
-        zone = zone.moved(self.engine.layout.low)
-        rows = block.nodes[0], -(-block.nodes[1] // high)
+        full = all_bits(len(engine.offsets))
+        alive = np.zeros((len(full), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64)
+        alive[:, block.node_indices()] = full[:, None, None, None]
+        zone = zone.moved(engine.layout.low)
+        rows = block.nodes[0], -(-block.nodes[1] // ROWS[components])
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
-        rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
-        strong = strength is not None
-        forces = engine.passes is None
-        law = rule, strong, contact and forces, warm, softening
-        functions = np.array(load_bonds(components, nonlinear, engine.dtype.name, *law), np.int64)
-        strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength, jointly=True)
-        limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
-        at = zone.table(self.engine.layout.reach)
-        broken = np.zeros((*rows, 2))
-        before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
-        changed, full = np.zeros_like(kinds), all_bits(len(places))
-        closing = alive.copy() if contact else np.zeros((0, 0), np.uint64)
-        thermal_strain = np.zeros(engine.layout.size if warm else 1, engine.dtype)
-        residual_stiffness = np.ones((len(places) if softening else 0, alive.shape[1]), engine.dtype)
-        finals = np.zeros(0, engine.dtype) if final is None else engine.spread(final, jointly=True)
-        hard = np.ones(1, engine.dtype) if contact_stiffness is None else engine.spread(contact_stiffness, jointly=True)
-        damage = forces, changed, before, full, strengths, closing, hard, thermal_strain, residual_stiffness, finals
-        room = np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2]))
-        own = *damage, *self._energies(spacing), np.ones(1, engine.dtype), room
-        engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *own))
+        law = BondLaw(
+            components,
+            nonlinear,
+            real=engine.dtype.name,
+            rule=RULES[engine.tables.material.rule] if engine.tables.material.coefficient.size > 1 else None,
+            strengths=strength is not None,
+            contact=contact and forces,
+            thermal=warm,
+            softening=softening,
+        )
+        released, bounds = self._energies(spacing)
+        spread = {
+            name: engine.spread(values, jointly=True)
+            for name, values in (("strength", strength), ("final", final), ("contact_stiffness", contact_stiffness))
+            if values is not None
+        }
+        bonds = with_defaults(
+            Bonds,
+            engine.dtype,
+            functions=np.array(load_rows("bond_rows", law=law), np.int64),
+            table=np.column_stack([xi, 1 / (xi**2).sum(1), scaled]).astype(engine.dtype),
+            places=np.column_stack([engine.offsets @ np.array(block.stride), engine.offsets]).astype(np.int64),
+            alive=alive,
+            kinds=kinds,
+            zone=zone.table(engine.layout.reach),
+            limit=np.array([limit, (limit / 2 * spacing) ** 2], engine.dtype),
+            nonlinear=nonlinear,
+            broken=np.zeros((*rows, 2)),
+            forces=forces,
+            changed=np.zeros_like(kinds),
+            full=full,
+            thermal_strain=np.zeros(engine.layout.size if warm else 1, engine.dtype),
+            residual_stiffness=np.ones((len(engine.offsets) if softening else 0, alive.shape[1]), engine.dtype),
+            released=released,
+            bounds=bounds,
+            room=np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2])),
+            **spread,
+        )
+        if not forces:
+            bonds = bonds._replace(before=alive.copy())
+        if contact:
+            bonds = bonds._replace(closing=alive.copy())
+        engine.replace(bonds=bonds)
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self.find_kinds()
 
@@ -165,17 +157,17 @@ class BondZone:
         if law.local.size:
             for values in law.local:
                 engine.join(values, {})
-            every = np.stack([engine.layout.box.all(values) for values in law.local]).reshape(3, -1).astype(float)
-            least, most = every.min(1), every.max(1)
+            of_nodes = np.stack([engine.layout.box.all(values) for values in law.local]).reshape(3, -1).astype(float)
+            least, most = of_nodes.min(1), of_nodes.max(1)
         gradient, divergence = passes.sums.gradient[:, :dim, 0], unit * passes.sums.divergence[:, 0, :dim]
-        lengths, slopes = (np.linalg.norm(one, axis=1) for one in (engine.offsets, divergence))
+        lengths, slopes = (np.linalg.norm(vectors, axis=1) for vectors in (engine.offsets, divergence))
         springs = unit * float(engine.tables.material.coefficient.max()) / 2 * np.abs(engine.weights).sum((1, 2))
         pulls = most[2] * slopes * np.linalg.norm(gradient, axis=1)
         limits = 2 * released @ np.array([*least[:2], most[2]])
         limits = np.where(limits > 0, limits, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):  # bonds without weight never break
             bounds = 2 * slopes * lengths / limits, (springs + pulls) * lengths**2 / limits
-        return released, np.array([np.nan_to_num(one, posinf=np.inf).max() for one in bounds])
+        return released, np.array([np.nan_to_num(bound, posinf=np.inf).max() for bound in bounds])
 
     @property
     def nonlinear(self) -> bool:
@@ -198,27 +190,27 @@ class BondZone:
         block, places = self.engine.layout.box, self.table.places
         number = np.full(self.table.alive.shape[1], -1)
         number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
-        mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.engine.layout.size))
-        mine = mine[number[nodes[mine]] >= 0]
+        inside = np.flatnonzero((nodes < len(number)) & (neighbours < self.engine.layout.size))
+        inside = inside[number[nodes[inside]] >= 0]
         order = np.argsort(places[:, 0])
-        bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
+        bond = order[np.searchsorted(places[order, 0], neighbours[inside] - nodes[inside])]
         for bits in (self.table.alive, self._unbroken):
             if bits is not None:
-                np.bitwise_and.at(bits, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+                np.bitwise_and.at(bits, (bond >> 6, nodes[inside]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
         if self._unbroken is not None and not self.table.forces:
             self._find_changed(self._unbroken)
         self.find_kinds()
         self._look_at_closing()
         self._remember()
         swept = np.zeros(len(nodes), bool)
-        swept[mine] = self.contains(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
+        swept[inside] = self.contains(np.stack(np.unravel_index(number[nodes[inside]], block.nodes), axis=1))
         return swept
 
     def clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
         """Clear the bits of the bonds `gone`, shape (K, nodes), of nodes of the core whose other ends do not exist."""
         for bits in (self.table.alive, self.table.closing):
-            for bond, which in enumerate(gone if bits.size else ()):
-                bits[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
+            for bond, lacks_it in enumerate(gone if bits.size else ()):
+                bits[bond >> 6, nodes[lacks_it]] &= ~(np.uint64(1) << np.uint64(bond & 63))
         self._remember()
 
     def _remember(self) -> None:
@@ -300,8 +292,8 @@ class BondZone:
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """Arrays of a checkpoint: bits, shares, kinds of tiles, and what broken bonds and work have added up to; they
-        share memory.
+        """Arrays of a checkpoint: bits, residual stiffnesses, kinds of tiles, and what broken bonds and work have added
+        up to; they share memory.
         """
         table = self.table
         bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}
@@ -332,33 +324,33 @@ class BondZone:
         The halo of the level is filled.
         """
         engine = self.engine
-        found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
+        traces, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
-        warm, table = engine.thermoelastic_layers, self.table
-        if warm is not None:
+        thermoelastic, table = bool(engine.heat_passes), self.table
+        if thermoelastic:
             table = table._replace(zone=Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach))
         if engine.passes is not None:
-            vectors, states = engine.tables.heat.vectors, engine.passes.states_of(level, layered=warm is not None)
-            add_traces_of_states(found, states, block, table, engine.passes.units_of_bonds())
+            vectors, states = engine.tables.heat.vectors, engine.passes.states_of(level, layered=thermoelastic)
+            add_traces_of_states(traces, states, block, table, engine.passes.units_of_bonds())
         else:
             xi, scaled = table.table[:, : engine.components], table.table[:, engine.components + 1 :]
             vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
-        if warm is not None:
-            vectors = warm.vectors
+        if thermoelastic:
+            vectors = engine.heat_vectors
             engine.tables.heat.traces[:] = 0
             engine.operate(level, trace_operations(engine.tables), apart, again=True)
-            found += engine.tables.heat.traces
-        add_traces(found, level, engine.components, block, material, table, vectors)
-        return found
+            traces += engine.tables.heat.traces
+        add_traces(traces, level, engine.components, block, material, table, vectors)
+        return traces
 
     def energy(
-        self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray, cold: bool = False
+        self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, full: np.ndarray, cold: bool = False
     ) -> float:
         """Energy of the bonds of some nodes from the present elongations and those of the previous step, per unit mass
         of a node; in state-based media that of closing bonds.
 
         `nodes` selects nodes of the box from `first` to `end` of the core; bonds to nodes beyond the box count half, or
-        fully across sides that are `whole`, shape (3, 2). If `cold`, thermal strains are not subtracted from the
+        fully across sides that are `full`, shape (3, 2). If `cold`, thermal strains are not subtracted from the
         elongations.
         """
         self.engine.complete(self.engine.current)
@@ -374,11 +366,11 @@ class BondZone:
             self.engine.tables.sweep.block,
             *bounds,
             nodes,
-            whole,
+            full,
             self.engine.components,
             material,
             table._replace(thermal_strain=table.thermal_strain[:1] * 0) if cold else table,
-            self.engine.thermoelastic_layers is not None,
+            bool(self.engine.heat_passes),
         )
         return float(total) / self.engine.stages.numbers[0][2]
 
@@ -391,9 +383,10 @@ class BondZone:
         engine.complete(engine.current)
         if engine.passes is None or not len(self.table.released):
             return float(laws.largest_strain(engine.current, tables.sweep.block, engine.components, self.table))
-        engine.passes.states_of(engine.current, cold=False, halo=True)
-        sums = tables.sweep, tables.material, tables.gradient_pass, tables.divergence_pass, self.table
-        return self.limit * float(np.sqrt(largest_energy(engine.current, *sums)))
+        engine.passes.states_of(engine.current, thermal=True, halo=True)
+        passes = tables.gradient_pass, tables.divergence_pass
+        medium = StateBonds(tables.sweep, tables.material, *passes, self.table)
+        return self.limit * float(np.sqrt(largest_energy(engine.current, medium)))
 
     def present(self, nodes: tuple[slice, ...]) -> np.ndarray:
         """Bits of the bonds that are present and carry something, for the nodes in a part of the core; shape (words,

@@ -17,10 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Set
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import doubles, ints, reals
 from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, TileAddresses, TileShape, call_bonds, call_steepness
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.tables import Material
@@ -39,124 +40,69 @@ PHASES = RULES.index("phases")
 #: Rows, and largest number of nodes per row, of the pieces of the zone that the stencil sweeps where nothing can break:
 #: whole tiles, and the same for any number of threads.
 PIECE_ROWS, PIECE_NODES = 16, 8 * LANES
-#: Number of sources whose work one thread adds up at a time, in their order.
+#: Number of sources whose work one thread adds up at a time, in their order; the sums depend on it.
 CHUNK = 1024
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 class Bonds(NamedTuple):
-    """Tables of the bonds for the compiled loop.
-
-    Attributes
-    ----------
-    functions : ndarray of int, shape (3,)
-        Addresses of the sweeps of plain tiles and of a damaged tile, and of the bound of the stretch in plain ones.
-    table : ndarray, shape (K, components + 2)
-        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond; in state-based media c is that of closing
-        bonds.
-    places : ndarray of int, shape (K, 4)
-        Distance to the neighbour in a level, and its offset.
-    alive : ndarray of uint64, shape (words, places of the core)
-        Bits of the bonds that are present.
-    kinds : ndarray, shape (planes, rows of tiles, tiles)
-        `PLAIN` or `DAMAGED`.
-    zone : ndarray of int, shape (12,)
-        See `Zone.table`.
-    limit : ndarray, shape (2,)
-        Limit of the strain e, and of the result of `bond_sweeps.steepness`; below the latter no bond breaks.
-    nonlinear : bool
-    broken : ndarray, shape (planes, rows of tiles, 2)
-        Energy, in units of c, and number of broken bonds.
-    forces : bool
-        Whether bonds exert forces by the law; otherwise they only break, see `engine.damage`, for which the rest is.
-    changed : ndarray, shape of `kinds`
-        `UNCHANGED`, `CHANGED`, `JUST_CHANGED` or `CLOSES`.
-    before : ndarray of uint64, shape of `alive`, or empty
-        Bits of the bonds for which the lost energy has been accounted.
-    full : ndarray of uint64, shape (words,)
-        Bits of a node that has all its bonds.
-    strength : ndarray
-        Limit of the strain e of the bonds at each place, relative to `limit`, which is the smallest; the weaker end of
-        a bond counts. One value if all are equal.
-    closing : ndarray of uint64, shape of `alive`, or empty
-        Bits of the bonds that carry compression even if they are cut or broken.
-    contact_stiffness : ndarray
-        In state-based media, relative stiffness of closing bonds at each place. One value if all are equal.
-    thermal_strain : ndarray
-        Thermal strain at each place; a bond has the mean of its ends. One value if there is none; see
-        `engine.thermal_strain`.
-    residual_stiffness : ndarray, shape (K, places of the core), or empty
-        Remaining fraction of the stiffness of softening bonds, 1 until stretched beyond the limit; kept by cut bonds.
-    final : ndarray
-        Stretch, at each place, at which softening bonds have lost all stiffness (`bond_sweeps`); the smaller of both
-        ends counts. Empty if none softens.
-    released : ndarray, shape (K, 3), or empty
-        Energy lost with each bond at a critical stretch of 1, per unit of each modulus of one end, in units of the
-        update; see `engine.release`. Empty if bonds break by their stretch.
-    bounds : ndarray, shape (2,)
-        Coefficients of an upper bound of the energy, over that at a critical stretch of 1: of the norm of differences
-        along the axes times that of the results of the law, and of the square of the former.
-    harmonic_eigenvalue : ndarray
-        Weight of the state at each place in that energy, see `shape_tensors.harmonic_eigenvalue`; smaller where a node
-        lacked bonds at first, so that fewer bear its stress. One value if no node does.
-    room : ndarray, shape (threads, n, nodes)
-        Work space of the threads that compute energies of bonds.
+    """Tables of the bonds for the compiled loop; without any the stencil serves everywhere. A node has K bonds and as
+    many bits, in words of 64; a table of nodes has one value per place, or a single one where all are equal.
     """
 
-    functions: np.ndarray
-    table: np.ndarray
-    places: np.ndarray
-    alive: np.ndarray
-    kinds: np.ndarray
-    zone: np.ndarray
-    limit: np.ndarray
-    nonlinear: bool
-    broken: np.ndarray
-    forces: bool
-    changed: np.ndarray
-    before: np.ndarray
-    full: np.ndarray
-    strength: np.ndarray
-    closing: np.ndarray
-    contact_stiffness: np.ndarray
-    thermal_strain: np.ndarray
-    residual_stiffness: np.ndarray
-    final: np.ndarray
-    released: np.ndarray
-    bounds: np.ndarray
-    harmonic_eigenvalue: np.ndarray
-    room: np.ndarray
+    #: addresses of the sweeps of plain tiles and of a damaged tile, and of the bound of the stretch
+    functions: np.ndarray = ints(3)
+    #: (K, components + 2): xi, 1 / |xi|^2 and c in units of the update; state-based: c of closing bonds
+    table: np.ndarray = reals(0, 1)
+    places: np.ndarray = ints(0, PLACES)  # (K, 4): distance to the neighbour in a level, and its offset
+    alive: np.ndarray = ints(0, 0, bits="uint64")  # (words, places of the core): bits of the bonds that are present
+    kinds: np.ndarray = ints(0, 0, 0, bits="uint8")  # (planes, rows of tiles, tiles): `PLAIN` or `DAMAGED`
+    zone: np.ndarray = ints(12)  # see `Zone.table`
+    limit: np.ndarray = reals(2)  # of the strain e, and of `bond_sweeps.steepness`, below which no bond breaks
+    nonlinear: bool = False
+    #: (planes, rows of tiles, 2): energy, in units of c, and number of broken bonds
+    broken: np.ndarray = doubles(0, 0, 2)
+    forces: bool = True  # whether bonds exert forces by the law, or only break (`engine.damage`, for which the rest is)
+    #: shape of `kinds`: `UNCHANGED`, `CHANGED`, `JUST_CHANGED` or `CLOSES`
+    changed: np.ndarray = ints(0, 0, 0, bits="uint8")
+    #: shape of `alive`, or empty: bits of the bonds for which the lost energy has been accounted
+    before: np.ndarray = ints(0, 0, bits="uint64")
+    full: np.ndarray = ints(0, bits="uint64")  # (words,): bits of a node that has all its bonds
+    #: of nodes: limit of e relative to `limit`, the smallest one; the weaker end of a bond counts
+    strength: np.ndarray = reals(1, value=1.0)
+    #: shape of `alive`, or empty: bits of bonds that carry compression even if cut or broken
+    closing: np.ndarray = ints(0, 0, bits="uint64")
+    #: of nodes, state-based media only: relative stiffness of closing bonds
+    contact_stiffness: np.ndarray = reals(1, value=1.0)
+    thermal_strain: np.ndarray = reals(1)  # of nodes; a bond has the mean of its ends, see `engine.thermal_strain`
+    #: (K, places of the core), or empty: remaining fraction of the stiffness of softening bonds, 1 until stretched
+    #: beyond the limit; kept by cut bonds
+    residual_stiffness: np.ndarray = reals(0, 0)
+    #: of nodes, or empty: stretch at which softening bonds have lost all stiffness; the smaller of both ends counts
+    final: np.ndarray = reals(0)
+    #: (K, 3), or empty if bonds break by their stretch: energy lost with a bond at a critical stretch of 1, per unit of
+    #: each modulus of one end, in units of the update, see `engine.release`
+    released: np.ndarray = doubles(0, 3)
+    #: coefficients of an upper bound of that energy over the one at a critical stretch of 1: of the norm of differences
+    #: along the axes times that of the results of the law, and of the square of the former
+    bounds: np.ndarray = doubles(2)
+    #: of nodes: weight of the state in that energy (`shape_tensors.harmonic_eigenvalue`), smaller where a node lacked
+    #: bonds at first, so that fewer bear its stress
+    harmonic_eigenvalue: np.ndarray = reals(1, value=1.0)
+    room: np.ndarray = doubles(0, 0, 0)  # (threads, n, nodes): work space for energies of bonds
 
 
-def no_bonds(dtype: np.dtype) -> Bonds:
-    """Return empty tables: the stencil serves everywhere."""
-    places, bits, kinds = np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8)
-    return Bonds(
-        np.zeros(3, np.int64),
-        np.zeros((0, 1), dtype),
-        places,
-        bits,
-        kinds,
-        np.zeros(12, np.int64),
-        np.zeros(2, dtype),
-        False,
-        np.zeros((0, 0, 2)),
-        True,
-        kinds,
-        bits,
-        np.zeros(0, np.uint64),
-        np.ones(1, dtype),
-        bits,
-        np.ones(1, dtype),
-        np.zeros(1, dtype),
-        np.zeros((0, 0), dtype),
-        np.zeros(0, dtype),
-        np.zeros((0, 3)),
-        np.zeros(2),
-        np.ones(1, dtype),
-        np.zeros((0, 0, 0)),
-    )
+class StateBonds(NamedTuple):
+    """What the bonds of a state-based medium are summed and break by: the sweep of their springs, the coefficients of
+    these, both passes, and the bonds; tables, or structs of tables.
+    """
+
+    springs: Any
+    material: Any
+    gradient: Any
+    divergence: Any
+    bonds: Any
 
 
 def all_bits(count: int) -> np.ndarray:
@@ -167,26 +113,19 @@ def all_bits(count: int) -> np.ndarray:
 def set_bits(bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns and the bonds whose bits are set in words, shape (words, n)."""
     columns, numbers = np.flatnonzero(bits.any(0)), np.arange(64, dtype=np.uint64)
-    found = bits[:, columns].T[..., None] >> numbers & np.uint64(1)
-    which, bonds = np.nonzero(found.reshape(len(columns), 64 * len(bits)))
-    return columns[which], bonds
+    by_number = bits[:, columns].T[..., None] >> numbers & np.uint64(1)
+    rows, bonds = np.nonzero(by_number.reshape(len(columns), 64 * len(bits)))
+    return columns[rows], bonds
 
 
 @dataclass(frozen=True)
 class Zone:
-    """Box of nodes in which bonds follow the law and may break.
-
-    Attributes
-    ----------
-    first, end : tuple of int
-        First node along the three axes and the node after the last, as nodes of the core.
-    open : set of (int, int)
-        Sides (axis, -1 or 1) of the box across which bonds also follow the law: periodic ones, whose halo holds copies,
-        and those beyond which the zone continues in another process.
-    """
+    """Box of nodes of the core in which bonds follow the law and may break."""
 
     first: tuple[int, int, int]
-    end: tuple[int, int, int]
+    end: tuple[int, int, int]  # the node after the last along each axis
+    #: Sides (axis, -1 or 1) across which bonds also follow the law: periodic ones, whose halo holds copies, and those
+    #: beyond which the zone continues in another process.
     open: Set[tuple[int, int]] = frozenset()
 
     def moved(self, by: tuple[int, ...]) -> Zone:
@@ -202,38 +141,38 @@ class Zone:
 
 
 @njit(error_model="numpy", inline="always")
-def bond_factor(rule, mine, other):
+def bond_factor(rule, near, far):
     """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
 
     Phases: 1 between two liquid nodes, the solid node's between a solid and a liquid one, 0 between two solid ones (see
     `engine.phases`).
     """
     if rule == PHASES:
-        return max(mine, other, 0 * mine) * abs(min(mine, other))
+        return max(near, far, 0 * near) * abs(min(near, far))
     if rule == 0:
-        return min(mine, other)
-    total = mine + other
+        return min(near, far)
+    total = near + far
     if rule == 1:
         return total / 2
-    return 2 * mine * other / total if total > 0 else 0 * total
+    return 2 * near * far / total if total > 0 else 0 * total
 
 
 def factors_of(material: Material, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
     """Factors of bonds from the coefficients of their ends, given by places in a level: `bond_factor` for arrays."""
     if material.coefficient.size == 1:
         return np.ones(len(nodes))
-    mine, other = material.coefficient[nodes].astype(float), material.coefficient[neighbours].astype(float)
+    near, far = material.coefficient[nodes].astype(float), material.coefficient[neighbours].astype(float)
     if material.rule == PHASES:
-        return np.asarray(np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other)))
-    return combined(RULES[material.rule], mine, other)
+        return np.asarray(np.maximum(np.maximum(near, far), 0) * np.abs(np.minimum(near, far)))
+    return combined(RULES[material.rule], near, far)
 
 
-def combined(rule: str, mine: np.ndarray, other: np.ndarray) -> np.ndarray:
+def combined(rule: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
     """Factors of bonds from the coefficients of their ends, by any rule except that of phases."""
     if rule == "both":
-        return np.asarray(np.minimum(mine, other))
-    total = mine + other
-    return np.asarray(total / 2 if rule == "arithmetic" else 2 * mine * other / np.where(total > 0, total, 1.0))
+        return np.asarray(np.minimum(near, far))
+    total = near + far
+    return np.asarray(total / 2 if rule == "arithmetic" else 2 * near * far / np.where(total > 0, total, 1.0))
 
 
 @njit(error_model="numpy", inline="always")
@@ -246,11 +185,11 @@ def spring_factor(material, node, distance):
 
 
 @njit(error_model="numpy", inline="always")
-def bond_gap(rule, mine, other, here, there, ceiling):
+def bond_gap(rule, near, far, value_near, value_far, ceiling):
     """Difference of the values at the ends of a bond; between two phases no value counts for more than the ceiling."""
-    if rule == PHASES and mine * other < 0:
-        return min(there, ceiling) - min(here, ceiling)
-    return there - here
+    if rule == PHASES and near * far < 0:
+        return min(value_far, ceiling) - min(value_near, ceiling)
+    return value_far - value_near
 
 
 @njit(error_model="numpy", inline="always")
@@ -288,9 +227,9 @@ def elongation(e, nonlinear):
 
 
 @njit(error_model="numpy", inline="always")
-def strain_of_heat(thermal_strain, node, other):
+def strain_of_heat(thermal_strain, node, neighbour):
     """Thermal part of the strain e of a bond: twice the mean of the thermal strains of its ends."""
-    return np.float64(thermal_strain[node]) + np.float64(thermal_strain[other]) if thermal_strain.size > 1 else 0.0
+    return np.float64(thermal_strain[node]) + np.float64(thermal_strain[neighbour]) if thermal_strain.size > 1 else 0.0
 
 
 @njit(error_model="numpy", inline="always")
@@ -300,9 +239,9 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     length = 0.0
     for c in range(components):
         length += np.float64(xi[c]) ** 2
-    warm = strain_of_heat(bonds.thermal_strain, node, node + distance)
-    now = elongation(strain_of(u, node, distance, xi, components, nonlinear) - warm, nonlinear)
-    before = elongation(strain_of(old, node, distance, xi, components, nonlinear) - warm, nonlinear)
+    thermal = strain_of_heat(bonds.thermal_strain, node, node + distance)
+    now = elongation(strain_of(u, node, distance, xi, components, nonlinear) - thermal, nonlinear)
+    before = elongation(strain_of(old, node, distance, xi, components, nonlinear) - thermal, nonlinear)
     factor = np.float64(xi[components + 1])
     if coefficient.size > 1:
         factor *= bond_factor(material.rule, coefficient[node], coefficient[node + distance])
@@ -341,18 +280,18 @@ def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     high, start, end = _ROWS_3 if stage.components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
     if bonds.nonlinear or material.coefficient.size > 1 or bonds.thermal_strain.size > 1:
         return end, False
-    whole, stop = True, begin
+    uniform, stop = True, begin
     while stop < min(begin + PIECE_NODES, end):
         plain = True
         for row in range(first // high, (last + high - 1) // high):
             plain &= bonds.kinds[i0, row, (stop - start) // LANES] == PLAIN
         if stop == begin:
-            whole = plain
-        elif whole != plain:
+            uniform = plain
+        elif uniform != plain:
             break
         stop += LANES
     stop = min(stop, end)
-    if not whole:
+    if not uniform:
         return stop, False
     node = block[0] + (i0 - reach[0]) * block[4] + (first - reach[1]) * block[5] + begin - reach[2]
     steep = call_steepness(
@@ -407,13 +346,13 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(zone.ctypes.data),
             )
             shape = TileShape(bonds.places.shape[0], alive.shape[1], n, count, block[5], apart, i0, row, i2)
-            found = call_bonds(bonds.functions[kind], at, shape, stage.a_difference, stage.b, bonds.limit[0])
+            result = call_bonds(bonds.functions[kind], at, shape, stage.a_difference, stage.b, bonds.limit[0])
             if kind == PLAIN:
-                number += found
+                number += result
                 if number < stop:
                     kinds[i0, tile_row, number] = DAMAGED
             else:
-                if found:
+                if result:
                     bonds.changed[i0, tile_row, number] = JUST_CHANGED
                     if not bonds.residual_stiffness.size:  # softening bonds add up their losses themselves
                         broken = bonds.broken[i0, tile_row]
@@ -458,24 +397,24 @@ def hold_nodes(thread, stage, work, mobility, inputs, step):
 
 
 @njit(error_model="numpy", cache=True, entry=False)
-def strains(found, level, node, distance, xi, components, nonlinear):
+def strains(results, level, node, distance, xi, components, nonlinear):
     """Compute `strain_of` one bond for neighbouring nodes, in vectors; return the squared length of the bond."""
     apart = level.size // components
     length = 0.0
-    found[:] = 0
+    results[:] = 0
     for c in range(components):
-        here, there = level[node + c * apart :], level[node + distance + c * apart :]
+        near, far = level[node + c * apart :], level[node + distance + c * apart :]
         twice = 2 * np.float64(xi[c])
         length += np.float64(xi[c]) ** 2
         if nonlinear:
-            for i in range(found.size):
-                eta = np.float64(there[i]) - np.float64(here[i])
-                found[i] += eta * (twice + eta)
+            for i in range(results.size):
+                eta = np.float64(far[i]) - np.float64(near[i])
+                results[i] += eta * (twice + eta)
         else:
-            for i in range(found.size):
-                found[i] += (np.float64(there[i]) - np.float64(here[i])) * twice
-    for i in range(found.size):
-        found[i] /= length
+            for i in range(results.size):
+                results[i] += (np.float64(far[i]) - np.float64(near[i])) * twice
+    for i in range(results.size):
+        results[i] /= length
     return length
 
 
@@ -493,9 +432,9 @@ def curved_part(zone, i0, i1, offset, first, end):
 
 
 @njit(error_model="numpy", cache=True)
-def strain_energy(u, old, block, first, end, nodes, whole, components, material, bonds, heated):
+def strain_energy(u, old, block, first, end, nodes, full, components, material, bonds, heated):
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, or
-    fully across sides that are `whole`. If `heated`, bonds without a law have thermal strains, too.
+    fully across sides that are `full`. If `heated`, bonds without a law have thermal strains, too.
     """
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
     coefficient, rule = material.coefficient, material.rule
@@ -509,10 +448,10 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
             for bond in range(places.shape[0]):
                 offset, xi, bits = places[bond], table[bond], alive[bond >> 6, node + first[2] :]
                 outside = (
-                    (i0 + offset[1] < first[0] and whole[0, 0])
-                    or (i0 + offset[1] >= end[0] and whole[0, 1])
-                    or (i1 + offset[2] < first[1] and whole[1, 0])
-                    or (i1 + offset[2] >= end[1] and whole[1, 1])
+                    (i0 + offset[1] < first[0] and full[0, 0])
+                    or (i0 + offset[1] >= end[0] and full[0, 1])
+                    or (i1 + offset[2] < first[1] and full[1, 0])
+                    or (i1 + offset[2] >= end[1] and full[1, 1])
                 )
                 mask = np.uint64(1) << np.uint64(bond & 63)
                 start, stop = curved_part(zone, i0, i1, offset, first[2], end[2])
@@ -525,30 +464,28 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                     length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
                     factor = (0.5 if outside else 0.25) * np.float64(xi[components + 1]) * length
-                    one, two, sums, there = now[part], before[part], energy[part], bits[part]
+                    strain, strain_before, sums, words = now[part], before[part], energy[part], bits[part]
                     for i in range(last - begin if bonds.thermal_strain.size > 1 and (law or heated) else 0):
-                        warm = strain_of_heat(bonds.thermal_strain, node + begin + i, node + begin + i + offset[0])
-                        one[i] -= warm
-                        two[i] -= warm
+                        thermal = strain_of_heat(bonds.thermal_strain, node + begin + i, node + begin + i + offset[0])
+                        strain[i] -= thermal
+                        strain_before[i] -= thermal
                     for i in range(last - begin):
-                        gain = factor * elongation(one[i], curved) * elongation(two[i], curved)
+                        gain = factor * elongation(strain[i], curved) * elongation(strain_before[i], curved)
                         if coefficient.size > 1:
                             gain *= bond_factor(
                                 rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
                             )
-                        acts = there[i] & mask != 0
+                        acts = words[i] & mask != 0
                         left = gain if acts else 0.0
                         if softens and acts:
                             left *= np.float64(bonds.residual_stiffness[bond, node + begin + i])
                         if closes and (softens or not acts):
-                            lasts = bonds.closing[bond >> 6, node + begin + i] & mask != 0
-                            left = gain if lasts and one[i] < 0 and two[i] < 0 else left
+                            may_close = bonds.closing[bond >> 6, node + begin + i] & mask != 0
+                            left = gain if may_close and strain[i] < 0 and strain_before[i] < 0 else left
                         sums[i] += left
-                if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave the box along the row
+                if (full[2, 0] or full[2, 1]) and not outside:  # bonds that leave the box along the row
                     for i2 in range(first[2], end[2]):
-                        leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (
-                            i2 + offset[3] >= end[2] and whole[2, 1]
-                        )
+                        leaves = (i2 + offset[3] < first[2] and full[2, 0]) or (i2 + offset[3] >= end[2] and full[2, 1])
                         if leaves and bits[i2 - first[2]] & mask != 0:
                             curved = bonds.nonlinear and start <= i2 < stop
                             energy[i2 - first[2]] += 0.5 * bond_energy(
@@ -563,16 +500,16 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
 
 
 @njit(error_model="numpy", inline="always")
-def weaker(strength, node, other):
+def weaker(strength, node, neighbour):
     """Limit of a bond relative to the smallest one, from the strengths of its ends."""
-    return min(strength[node], strength[other]) if strength.size > 1 else strength[0]
+    return min(strength[node], strength[neighbour]) if strength.size > 1 else strength[0]
 
 
 @njit(error_model="numpy", cache=True)
 def largest_strain(u, block, components, bonds):
     """Largest e of a bond that may break, divided by its relative strength if strengths vary."""
     table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
-    found = np.empty(max(zone[END + 2] - zone[FIRST + 2], 0))
+    results = np.empty(max(zone[END + 2] - zone[FIRST + 2], 0))
     largest = -1.0
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
@@ -581,13 +518,14 @@ def largest_strain(u, block, components, bonds):
                 mask = np.uint64(1) << np.uint64(bond & 63)
                 start, stop = curved_part(zone, i0, i1, places[bond], zone[FIRST + 2], zone[END + 2])
                 if start < stop:
-                    strains(found[: stop - start], u, node + start, places[bond, 0], table[bond], components, nonlinear)
-                    there = alive[bond >> 6, node + start :]
+                    distance = places[bond, 0]
+                    strains(results[: stop - start], u, node + start, distance, table[bond], components, nonlinear)
+                    words = alive[bond >> 6, node + start :]
                     for i in range(stop - start):
-                        at, other = node + start + i, node + start + i + places[bond, 0]
-                        e = found[i] - strain_of_heat(bonds.thermal_strain, at, other)
-                        strength = weaker(bonds.strength, at, other)
-                        largest = max(largest, e / strength if there[i] & mask != 0 else -1.0)
+                        at, neighbour = node + start + i, node + start + i + distance
+                        e = results[i] - strain_of_heat(bonds.thermal_strain, at, neighbour)
+                        strength = weaker(bonds.strength, at, neighbour)
+                        largest = max(largest, e / strength if words[i] & mask != 0 else -1.0)
     return largest
 
 

@@ -25,8 +25,8 @@ def _chain_increment(
     here, out = u[first:last], d[first:last]
     for i in range(count):
         out[i] = keep * out[i] - own * here[i]
-    whole = reach - reach % 4
-    for k in range(1, whole + 1, 4):
+    in_fours = reach - reach % 4
+    for k in range(1, in_fours + 1, 4):
         w0, w1, w2, w3 = scaled[k - 1], scaled[k], scaled[k + 1], scaled[k + 2]
         before, after = u[first - k - 3 : last - k], u[first + k : last + k + 3]
         for i in range(count):
@@ -34,7 +34,7 @@ def _chain_increment(
             near = w0 * ((before[i + 3] - v) + (after[i] - v)) + w1 * ((before[i + 2] - v) + (after[i + 1] - v))
             far = w2 * ((before[i + 1] - v) + (after[i + 2] - v)) + w3 * ((before[i] - v) + (after[i + 3] - v))
             out[i] += near + far
-    for k in range(whole + 1, reach + 1):
+    for k in range(in_fours + 1, reach + 1):
         w, before, after = scaled[k - 1], u[first - k : last - k], u[first + k : last + k]
         for i in range(count):
             out[i] += w * ((before[i] - here[i]) + (after[i] - here[i]))

@@ -38,7 +38,7 @@ from farhorizon.engine.threads import barrier
 
 #: What is recomputed for nodes that lack bonds.
 STATES, FORCES, STATES_AGAIN = range(3)
-_STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # offsets in a thread's work space
+_STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = range(0, 45, 9)  # offsets in a thread's work space, of 3 x 3 matrices
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
@@ -57,20 +57,20 @@ def break_bonds(thread, stage, sweep, material, bonds):
         stop = zone[FIRST + 2]
         while stop < zone[END + 2]:
             start = stop
-            stop, whole = next_piece(stage, sweep, material, bonds, i0, first, last, start)
-            if not whole:
+            stop, unbroken = next_piece(stage, sweep, material, bonds, i0, first, last, start)
+            if not unbroken:
                 sweep_tiles(stage, sweep, material, bonds, i0, first, last, start, stop)
     barrier(thread)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sum_state(level, node, bits, gradient_pass, numbers):
+def sum_state(level, node, bits, gradient, numbers):
     """Compute the state and the shape tensor of a node from its present bonds."""
-    law, general, distances = gradient_pass.sweep.law, gradient_pass.sweep.general[0], gradient_pass.sweep.offsets
-    columns, rows, apart = gradient_pass.columns, gradient_pass.rows, level.size // gradient_pass.columns
-    shapes, whole = law.shapes, law.shapes.shape[1]
+    law, general, distances = gradient.sweep.law, gradient.sweep.general[0], gradient.sweep.offsets
+    columns, rows, apart = gradient.columns, gradient.rows, level.size // gradient.columns
+    shapes, entries = law.shapes, law.shapes.shape[1]
     numbers[_STATE : _STATE + rows] = 0
-    numbers[_SHAPE : _SHAPE + whole] = 0
+    numbers[_SHAPE : _SHAPE + entries] = 0
     for k in range(distances.size):
         if is_set(bits, node, k):
             for column in range(columns):
@@ -78,11 +78,11 @@ def sum_state(level, node, bits, gradient_pass, numbers):
                 eta = level[at + distances[k]] - level[at]
                 for row in range(rows):
                     numbers[_STATE + row] += general[(k * rows + row) * columns + column] * eta
-            for i in range(whole):
+            for i in range(entries):
                 numbers[_SHAPE + i] += shapes[k, i]
     if law.thermal_strain.size:
         strain, dim = law.spacing * law.thermal_strain[node], columns
-        for i in range(whole):
+        for i in range(entries):
             if rows > 1:
                 numbers[_STATE + i] -= strain * numbers[_SHAPE + i]
             elif i % (dim + 1) == 0:
@@ -112,34 +112,34 @@ def invert_shape(numbers, dim):
 @njit(error_model="numpy", cache=True, counted=False)
 def kept_law(law, node, numbers, rows):
     """Replace the state of a node by the result of the law with its initial shape tensor."""
-    state, made, odd = numbers[_STATE:_SHAPE], numbers[_SHAPE:_INVERSE], first_special(law.nodes, node)
-    special = odd < law.nodes.size and law.nodes[odd] == node
-    matrix = law.matrices[law.numbers[odd]] if special else law.intact
+    state, result, index = numbers[_STATE:_SHAPE], numbers[_SHAPE:_INVERSE], first_special(law.nodes, node)
+    special = index < law.nodes.size and law.nodes[index] == node
+    matrix = law.matrices[law.numbers[index]] if special else law.intact
     for row in range(rows):
-        made[row] = 0
+        result[row] = 0
         for column in range(rows):
             factor = matrix[row, column]
             if law.local.size and not special:
                 factor = law.bases[0, row, column] * law.local[0, node]
                 for i in range(1, 3):
                     factor += law.bases[i, row, column] * law.local[i, node]
-            made[row] += factor * state[column]
+            result[row] += factor * state[column]
     for row in range(rows):
-        state[row] = made[row]
+        state[row] = result[row]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def borne_by_node(law, node, inverse, dim):
-    """Share of its stress that a node bears as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
-    odd, first, whole = first_special(law.nodes, node), law.harmonic_eigenvalue[0], law.intact.dtype.type(1)
-    if odd < law.nodes.size and law.nodes[odd] == node:
-        first = law.harmonic_eigenvalue[law.numbers[odd]]
+    """Fraction of its stress that a node bears as its bonds break, see `engine.shape_tensors.stress_left`."""
+    index, initial, unity = first_special(law.nodes, node), law.harmonic_eigenvalue[0], law.intact.dtype.type(1)
+    if index < law.nodes.size and law.nodes[index] == node:
+        initial = law.harmonic_eigenvalue[law.numbers[index]]
     trace = inverse[0] + inverse[dim + 1]
     if dim == 3:
         trace += inverse[8]
     # infinite for nodes without a gradient, which have no stress, and for nodes that bear all of it
-    left = dim / (trace * FACE * first)
-    return left * left if left < 1 else whole
+    left = dim / (trace * FACE * initial)
+    return left * left if left < 1 else unity
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -177,55 +177,51 @@ def law_of_node(law, node, numbers, rows):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def node_energy(stage, node, bits, bond_stencil, material, gradient_pass, divergence_pass, numbers):
+def node_energy(stage, node, bits, medium, numbers):
     """Twice the energy of a node with some bonds, from the present displacements and those of the previous step, in
     units of the update.
     """
-    u, old, columns = stage.src, stage.base, gradient_pass.columns
-    sum_state(u, node, bits, gradient_pass, numbers)
-    law_of_node(gradient_pass.sweep.law, node, numbers, gradient_pass.rows)
-    apart, rows, distances = u.size // columns, divergence_pass.columns, gradient_pass.sweep.offsets
-    weights, pulls = divergence_pass.sweep.general[stage.part], bond_stencil.general[stage.part]
-    thermal_strain, arms = gradient_pass.sweep.law.thermal_strain, gradient_pass.sweep.law.arms
-    warm, own, mean = thermal_strain.size > 0, u[0] * 0, u[0] * 0
+    u, old, gradient, columns = stage.src, stage.base, medium.gradient, medium.gradient.columns
+    sum_state(u, node, bits, gradient, numbers)
+    law_of_node(gradient.sweep.law, node, numbers, gradient.rows)
+    apart, rows, distances = u.size // columns, medium.divergence.columns, gradient.sweep.offsets
+    weights, pulls = medium.divergence.sweep.general[stage.part], medium.springs.general[stage.part]
+    thermal_strain, arms = gradient.sweep.law.thermal_strain, gradient.sweep.law.arms
+    heated, strain, mean = thermal_strain.size > 0, u[0] * 0, u[0] * 0
     total = 0.0
     for k in range(distances.size):
         if is_set(bits, node, k):
-            if warm:
-                own, mean = thermal_strain[node], (thermal_strain[node] + thermal_strain[node + distances[k]]) / 2
+            if heated:
+                strain, mean = thermal_strain[node], (thermal_strain[node] + thermal_strain[node + distances[k]]) / 2
             for a in range(columns):
                 at = node + a * apart
                 force, spring = 0.0, 0.0
                 for row in range(rows):
                     force += weights[(k * columns + a) * rows + row] * numbers[_STATE + row]
                 if pulls.size:
-                    factor = spring_factor(material, node, distances[k]) / 2
+                    factor = spring_factor(medium.material, node, distances[k]) / 2
                     for b in range(columns):
-                        here = node + b * apart
-                        gap = u[here + distances[k]] - u[here]
-                        if warm:
+                        place = node + b * apart
+                        gap = u[place + distances[k]] - u[place]
+                        if heated:
                             gap -= mean * arms[k, b]
                             spring += factor * pulls[(k * columns + a) * columns + b] * gap
                         force += factor * pulls[(k * columns + a) * columns + b] * gap
                 total += force * (old[at + distances[k]] - old[at])
-                if warm:
-                    total -= ((force - spring) * own + spring * mean) * arms[k, a]
+                if heated:
+                    total -= ((force - spring) * strain + spring * mean) * arms[k, a]
     return total
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_broken(stage, bonds, bond_stencil, material, gradient_pass, divergence_pass, node, numbers, broken):
+def weigh_broken(stage, medium, node, numbers, broken):
     """Add the energy that a node loses as bonds break, and mark these bonds as accounted."""
-    gone = False
+    gone, bonds = False, medium.bonds
     for word in range(bonds.alive.shape[0]):
         gone |= bonds.before[word, node] != bonds.alive[word, node]
     if gone:
-        broken[0] += (
-            node_energy(stage, node, bonds.before, bond_stencil, material, gradient_pass, divergence_pass, numbers) / 2
-        )
-        broken[0] -= (
-            node_energy(stage, node, bonds.alive, bond_stencil, material, gradient_pass, divergence_pass, numbers) / 2
-        )
+        broken[0] += node_energy(stage, node, bonds.before, medium, numbers) / 2
+        broken[0] -= node_energy(stage, node, bonds.alive, medium, numbers) / 2
         for word in range(bonds.alive.shape[0]):
             bonds.before[word, node] = bonds.alive[word, node]
 
@@ -238,11 +234,12 @@ def push_apart(stage, node, at, bonds, rule):
     for k in range(bonds.places.shape[0]):
         if is_set(bonds.closing, node, k) and not is_set(bonds.alive, node, k):
             offset, xi = bonds.places[k], bonds.table[k]
-            other = node + offset[0]
-            e = strain_of(u, node, offset[0], xi, components, False) - strain_of_heat(bonds.thermal_strain, node, other)
+            neighbour = node + offset[0]
+            e = strain_of(u, node, offset[0], xi, components, False)
+            e -= strain_of_heat(bonds.thermal_strain, node, neighbour)
             if e < 0 and follows_law(bonds.zone, at[0] + offset[1], at[1] + offset[2], at[2] + offset[3]):
                 factor = (
-                    bond_factor(rule, contact_stiffness[node], contact_stiffness[other])
+                    bond_factor(rule, contact_stiffness[node], contact_stiffness[neighbour])
                     if contact_stiffness.size > 1
                     else contact_stiffness[0]
                 )
@@ -251,46 +248,47 @@ def push_apart(stage, node, at, bonds, rule):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def node_force(stage, node, bonds, bond_stencil, material, gradient_pass, divergence_pass):
+def node_force(stage, node, medium):
     """Compute the new displacement of a node from its present bonds."""
-    u, states, columns = stage.src, gradient_pass.sweep.law.values, gradient_pass.columns
-    apart, rows, distances = u.size // columns, divergence_pass.columns, gradient_pass.sweep.offsets
-    weights, pulls = divergence_pass.sweep.general[stage.part], bond_stencil.general[stage.part]
+    u, states, columns = stage.src, medium.gradient.sweep.law.values, medium.gradient.columns
+    apart, rows, distances = u.size // columns, medium.divergence.columns, medium.gradient.sweep.offsets
+    weights, pulls = medium.divergence.sweep.general[stage.part], medium.springs.general[stage.part]
     for a in range(columns):
         at = node + a * apart
         total = stage.a_difference * u[at] + stage.b * stage.base[at]
         for k in range(distances.size):
-            if is_set(bonds.alive, node, k):
+            if is_set(medium.bonds.alive, node, k):
                 for row in range(rows):
-                    here = node + row * apart
-                    total += weights[(k * columns + a) * rows + row] * (states[here] + states[here + distances[k]])
+                    place = node + row * apart
+                    total += weights[(k * columns + a) * rows + row] * (states[place] + states[place + distances[k]])
                 if pulls.size:
-                    factor = spring_factor(material, node, distances[k])
+                    factor = spring_factor(medium.material, node, distances[k])
                     for b in range(columns):
-                        here = node + b * apart
-                        total += factor * pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here])
+                        place = node + b * apart
+                        total += factor * pulls[(k * columns + a) * columns + b] * (u[place + distances[k]] - u[place])
         stage.out[at] = total
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def redo_damaged(thread, stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, what):
+def redo_damaged(thread, stage, medium, what):
     """Recompute nodes that lack bonds, in tiles where some have broken or may close: first `STATES`, later `FORCES`;
     `STATES_AGAIN` only in tiles where some have just broken.
     """
-    zone, block, changed, alive = bonds.zone, bond_stencil.block, bonds.changed, bonds.alive
-    law, numbers = gradient_pass.sweep.law, gradient_pass.sweep.law.room[thread.number, 0]
+    bonds, gradient, block = medium.bonds, medium.gradient, medium.springs.block
+    zone, changed, alive = bonds.zone, bonds.changed, bonds.alive
+    law, numbers = gradient.sweep.law, gradient.sweep.law.room[thread.number, 0]
     closes, forces = bonds.closing.size > 0, what == FORCES
-    high = _ROWS_3 if gradient_pass.columns == 3 else _ROWS_2
-    size = law.values.size // gradient_pass.rows
+    high = _ROWS_3 if gradient.columns == 3 else _ROWS_2
+    size = law.values.size // gradient.rows
     rows = changed.shape[1]
     # whole rows of tiles, because the losses of a row are added up in one place
     for number in range(thread.number, changed.shape[0] * rows, thread.threads):
         i0, row = number // rows, number % rows
         for tile in range(changed.shape[2]):
-            kind = changed[i0, row, tile]
-            if kind == UNCHANGED or (kind == CLOSES and not (forces and closes)):
+            state = changed[i0, row, tile]
+            if state == UNCHANGED or (state == CLOSES and not (forces and closes)):
                 continue
-            if what == STATES_AGAIN and kind != JUST_CHANGED:
+            if what == STATES_AGAIN and state != JUST_CHANGED:
                 continue
             start, losses = zone[FIRST + 2] + tile * LANES, bonds.broken[i0, row]
             for i1 in range(max(row * high, zone[FIRST + 1]), min((row + 1) * high, zone[END + 1])):
@@ -301,18 +299,16 @@ def redo_damaged(thread, stage, bond_stencil, material, gradient_pass, divergenc
                     if full:
                         continue
                     if forces:
-                        if kind != CLOSES:
-                            node_force(stage, node, bonds, bond_stencil, material, gradient_pass, divergence_pass)
+                        if state != CLOSES:
+                            node_force(stage, node, medium)
                         if closes:
-                            push_apart(stage, node, (i0, i1, i2), bonds, material.rule)
+                            push_apart(stage, node, (i0, i1, i2), bonds, medium.material.rule)
                         continue
-                    if kind == JUST_CHANGED:
-                        weigh_broken(
-                            stage, bonds, bond_stencil, material, gradient_pass, divergence_pass, node, numbers, losses
-                        )
-                    sum_state(stage.src, node, alive, gradient_pass, numbers)
-                    law_of_node(law, node, numbers, gradient_pass.rows)
-                    for c in range(gradient_pass.rows):
+                    if state == JUST_CHANGED:
+                        weigh_broken(stage, medium, node, numbers, losses)
+                    sum_state(stage.src, node, alive, gradient, numbers)
+                    law_of_node(law, node, numbers, gradient.rows)
+                    for c in range(gradient.rows):
                         law.values[c * size + node] = numbers[_STATE + c]
             if not forces:
                 changed[i0, row, tile] = CHANGED

@@ -28,7 +28,7 @@ import numpy as np
 
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import fetch, move_masses
+from farhorizon.engine.rows.runs import fetch, move_masses
 from farhorizon.engine.threads import barrier, chunk_of
 
 # limits where a step is too long: of the frequency, relative to the largest one of the scheme, and of the width
@@ -37,31 +37,19 @@ _AHEAD = 8  # runs between use and prefetch
 
 
 class Dampers(NamedTuple):
-    """Hanging masses of a run.
+    """Hanging masses of a run."""
 
-    Attributes
-    ----------
-    runs : ndarray of int, shape (R, 5)
-        Runs of neighbouring nodes along the last axis: place in a level, place of the first strength, place of the
-        first state, number of nodes, and number of their springs.
-    springs : ndarray, shape (S, 2)
-        `keep` and `pull`.
-    strengths : ndarray
-        Lines of strengths along the last axis, each different one once; they go on for `SLACK` values, as the states
-        do.
-    states : ndarray, shape (3 * components * apart,)
-        Last increments of the nodes, then p, then q, each component by component. They are of the memory's type, and so
-        halves where layers remember halves: dampers contribute a small part of a force, and the error is that much
-        smaller.
-    apart : int
-        Distance from one component to the next in `states`.
-    """
-
+    # Runs of neighbouring nodes along the last axis: place in a level, place of the first strength, place of the first
+    # state, number of nodes, and number of their springs; shape (R, 5).
     runs: np.ndarray
-    springs: np.ndarray
+    springs: np.ndarray  # `keep` and `pull`, shape (S, 2)
+    # Different lines of strengths along the last axis; they go on for `SLACK` values, as the states do.
     strengths: np.ndarray
+    # Last increments of the nodes, then p, then q, each component by component. They are of the memory's type, and so
+    # halves where layers remember halves: dampers contribute a small part of a force, and the error is that much
+    # smaller.
     states: np.ndarray
-    apart: int
+    apart: int  # distance from one component to the next in `states`
 
 
 def springs_of(tuned: np.ndarray, dt: float) -> tuple[float, float]:
@@ -69,8 +57,8 @@ def springs_of(tuned: np.ndarray, dt: float) -> tuple[float, float]:
     frequency, width = tuned.tolist()
     place = min(frequency * dt / 2, _NEAR)
     # frequencies crowd at the largest one that a step carries: the band is made as wide as it is on the lattice
-    chunk_of = min(width * dt / (2 * np.sqrt(1 - place**2)), _MOST)
-    keep = (1 - chunk_of) / (1 + chunk_of)
+    damping = min(width * dt / (2 * np.sqrt(1 - place**2)), _MOST)
+    keep = (1 - damping) / (1 + damping)
     return keep, 2 * (1 + keep) * place**2
 
 
@@ -87,39 +75,24 @@ def response(factor: np.ndarray, keep: float, pull: float) -> np.ndarray:
 
 
 class DamperTables:
-    """The dampers of the layers of a box.
+    """The dampers of the layers of a box, by (axis, side)."""
 
-    Parameters
-    ----------
-    layout : Layout
-    layers : mapping of (axis, side) to Layer
-    dt : float
-
-    Attributes
-    ----------
-    slabs : dict of (axis, side) to ndarray of int
-        Places of the states of each layer that has dampers, by its nodes in the box, corners included. Where layers
-        meet, the states of the first axis are in use, and all others share one place, the last.
-    used : dict of (axis, side) to ndarray of bool
-        Which of these states are in use.
-    size : int
-        Number of places of states per component.
-    start : int
-        Where they begin in the engine's memory.
-    """
+    # Places of the states of each layer that has dampers, by its nodes in the box, corners included. Where layers meet,
+    # the states of the first axis are in use, and all others share one place, the last.
+    slabs: dict[tuple[int, int], np.ndarray]
+    used: dict[tuple[int, int], np.ndarray]  # which of these states are in use
+    size: int  # number of places of states per component
+    start: int  # where they begin in the engine's memory
 
     def __init__(self, layout: Layout, layers: Mapping[tuple[int, int], Any], dt: float) -> None:
-        self.layout, self.start = layout, 0
-        self.slabs: dict[tuple[int, int], np.ndarray] = {}
-        self.used: dict[tuple[int, int], np.ndarray] = {}
-        self.size = 0
+        self.layout, self.start, self.slabs, self.used, self.size = layout, 0, {}, {}, 0
         tuned = {key: layer for key, layer in sorted(layers.items()) if layer.tuned.size}
         springs = [springs_of(layer.tuned, dt) for layer in tuned.values()]
         box, nodes = layout.box, layout.box.nodes
         along, outside = [np.zeros(n) for n in nodes], [np.ones(n, bool) for n in nodes]
-        for (axis, side), layer, own in zip(tuned, tuned.values(), springs, strict=True):
+        for (axis, side), layer, (keep, pull) in zip(tuned, tuned.values(), springs, strict=True):
             columns = _columns(nodes[axis], side, layer.columns)
-            along[axis][columns] += strengths_of(layer.damping, *own, dt)[::side]
+            along[axis][columns] += strengths_of(layer.damping, keep, pull, dt)[::side]
             outside[axis][columns] = False
         across, line = np.unique(np.add.outer(along[0], along[1]), return_inverse=True)
         line = line.reshape(nodes[:2]) * nodes[2]
@@ -131,10 +104,10 @@ class DamperTables:
             self.used[axis, side] = used = free[0][:, None, None] & free[1][:, None] & free[2]
             self.slabs[axis, side] = places = np.where(used, self.size - 1 + np.cumsum(used).reshape(used.shape), -1)
             self.size += int(used.sum())
-            at = [np.arange(n)[one] for n, one in zip(nodes, slab, strict=True)]
-            parts = [one * step for one, step in zip(at, box.stride, strict=True)]
+            indices = [np.arange(n)[part] for n, part in zip(nodes, slab, strict=True)]
+            parts = [along_axis * step for along_axis, step in zip(indices, box.stride, strict=True)]
             levels = box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
-            entries = np.add.outer(line[slab[0], slab[1]], at[2])
+            entries = np.add.outer(line[slab[0], slab[1]], indices[2])
             runs.append(_runs(levels[used], entries[used], places[used], number))
         for places in self.slabs.values():
             places[places < 0] = self.size
@@ -151,21 +124,21 @@ class DamperTables:
         """Places in the memory by name, see `LayerTables.lines`."""
         for (axis, side), places in self.slabs.items():
             along = np.moveaxis(places, axis, 0)
-            every = self.size * np.arange(3 * self.layout.components)[:, None, None, None] + along
-            yield f"{axis}{'-+'[side > 0]}", self.start + every, tuple(a for a in range(3) if a != axis)
+            states = self.size * np.arange(3 * self.layout.components)[:, None, None, None] + along
+            yield f"{axis}{'-+'[side > 0]}", self.start + states, tuple(a for a in range(3) if a != axis)
 
     def cells(self) -> list[tuple[tuple[int, int], np.ndarray]]:
-        """Places of the states in use, for each layer by component, number (those of its nodes from the near field
-        outwards, three times), and line.
+        """Places of the states in use, for each layer by component, number (those of its nodes outwards, three times),
+        and line.
         """
-        found = []
+        cells = []
         for (axis, side), places in self.slabs.items():
-            along, used = (np.moveaxis(one, axis, 0)[::side] for one in (places, self.used[axis, side]))
+            along, used = (np.moveaxis(array, axis, 0)[::side] for array in (places, self.used[axis, side]))
             lines = along.reshape(len(along), -1)[:, used.reshape(len(used), -1).all(0)]
             each = self.size * np.arange(3 * self.layout.components).reshape(3, -1)
             by_component = each.T[:, :, None, None] + lines
-            found.append(((axis, side), self.start + by_component.reshape(self.layout.components, -1, lines.shape[1])))
-        return found
+            cells.append(((axis, side), self.start + by_component.reshape(self.layout.components, -1, lines.shape[1])))
+        return cells
 
 
 def _columns(nodes: int, side: int, columns: int) -> slice:
@@ -183,30 +156,30 @@ def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: in
 
 @njit(error_model="numpy", cache=True, counted=False)
 def move_dampers(thread, stage, dampers):
-    """Move the hanging masses and let them pull their nodes; one thread's share."""
+    """Move the hanging masses and let them pull their nodes; one thread's chunk."""
     runs, springs, size = dampers.runs, dampers.springs, stage.out.itemsize
     apart, each = stage.src.size // stage.components, dampers.apart
     later = stage.components * each * dampers.states.itemsize
     out, src, base = stage.out.ctypes.data, stage.src.ctypes.data, stage.base.ctypes.data
-    states, strengths, kept = dampers.states.ctypes.data, dampers.strengths.ctypes.data, dampers.states.itemsize
-    share_of_source = stage.out.dtype.type(0 if stage.increments else 1)
-    own = chunk_of(thread, runs.shape[0])
-    for i in range(own[0], own[1]):
+    states, strengths, cell = dampers.states.ctypes.data, dampers.strengths.ctypes.data, dampers.states.itemsize
+    source_part = stage.out.dtype.type(0 if stage.increments else 1)
+    chunk = chunk_of(thread, runs.shape[0])
+    for i in range(chunk[0], chunk[1]):
         node, strength, state, count, number = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3], runs[i, 4]
         # in layers along the last axis runs are short, and too far apart for the hardware prefetcher
         ahead = runs[min(i + _AHEAD, runs.shape[0] - 1), 0] * size
         fetch(out + ahead)
         fetch(src + ahead)
         for c in range(stage.components):
-            level, last = (c * apart + node) * size, states + (c * each + state) * kept
-            there = base if stage.increments else out
+            level, last = (c * apart + node) * size, states + (c * each + state) * cell
+            before = base if stage.increments else out
             move_masses(
                 (last, last + later, last + 2 * later),
-                (there + level, src + level, base + level if stage.increments else 0, out + level),
+                (before + level, src + level, base + level if stage.increments else 0, out + level),
                 strengths + strength * size,
                 springs[number, 0],
                 springs[number, 1],
-                share_of_source,
+                source_part,
                 count,
                 dampers.states[0],
             )

@@ -8,49 +8,26 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import is_set
+from farhorizon.engine.layout import doubles, ints, reals
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
 
 
 class Drag(NamedTuple):
-    """Drag on nodes, and the energy that it takes; see `engine.dragged_layers`.
+    """Drag on nodes, and the energy that it takes; what layers add is a pass of its own, `layer_passes.drag_pass`."""
 
-    Attributes
-    ----------
-    rate : ndarray, shape (1,), or empty
-        Fraction of the difference to the mean increment of its neighbours by which the increment of a node changes in a
-        step.
-    distances : ndarray of int, shape (K,)
-    alive, full : ndarray of uint64, shapes (words, places) and (words,)
-        Bits of the bonds that are present, and of all bonds.
-    first, end : ndarray of int, shape (3,)
-        Box of the nodes whose loss is accumulated.
-    lost : ndarray, shape (planes, rows)
-        Energy that these have lost, over the mass of a node of the medium.
-    room : ndarray, shape (threads, d, nodes of a row)
-    moved : ndarray, shape (d * places,)
-        Increments of a step.
-    beyond : ndarray, of the same shape
-        Contributions of the layers to the sums over neighbours, which are used once per step.
-    """
-
-    rate: np.ndarray
-    distances: np.ndarray
-    alive: np.ndarray
-    full: np.ndarray
-    first: np.ndarray
-    end: np.ndarray
-    lost: np.ndarray
-    room: np.ndarray
-    moved: np.ndarray
-    beyond: np.ndarray
-
-
-def no_drag(real: np.dtype) -> Drag:
-    """Return empty tables."""
-    none, bits, nothing = np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0, real)
-    room = np.zeros((0, 0)), np.zeros((0, 0, 0), real)
-    return Drag(nothing, none, bits.reshape(0, 0), bits, none, none, *room, nothing, nothing)
+    # Fraction of the difference to the mean increment of its neighbours by which the increment of a node changes in a
+    # step; shape (1,), empty without drag.
+    rate: np.ndarray = reals(0)
+    distances: np.ndarray = ints(0)  # shape (K,)
+    alive: np.ndarray = ints(0, 0, bits="uint64")  # bits of the bonds that are present, shape (words, places)
+    full: np.ndarray = ints(0, bits="uint64")  # bits of all bonds, shape (words,)
+    first: np.ndarray = ints(0)  # box of the nodes whose loss is accumulated, shape (3,), as is `end`
+    end: np.ndarray = ints(0)
+    lost: np.ndarray = doubles(0, 0)  # energy that they have lost over the mass of a node of the medium; (planes, rows)
+    room: np.ndarray = reals(0, 0, 0)  # shape (threads, d, nodes of a row)
+    moved: np.ndarray = reals(0)  # increments of a step, shape (d * places,)
+    beyond: np.ndarray = reals(0)  # what layers add to the sums over neighbours, used once per step; same shape
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -75,14 +52,14 @@ def _means(components, drag, place, pull):
             there = moved[first + drag.distances[k] :]
             for i in range(total.size):
                 total[i] += there[i]
-        own = moved[first : first + total.size]
+        here = moved[first : first + total.size]
         for i in range(total.size):
-            total[i] = total[i] / drag.distances.size - own[i]
+            total[i] = total[i] / drag.distances.size - here[i]
     for i in range(pull.shape[1]):
-        node, whole = place + i, True
+        node, intact = place + i, True
         for word in range(drag.full.size):
-            whole &= drag.alive[word, node] == drag.full[word]
-        if whole:
+            intact &= drag.alive[word, node] == drag.full[word]
+        if intact:
             continue
         for c in range(components):
             at = c * apart + node
@@ -100,19 +77,19 @@ def _means(components, drag, place, pull):
 def drag_along(thread, stage, block, mobility, drag):
     """Add the effect of drag to a step, after everything else, and accumulate the loss."""
     apart, rate, pull = stage.src.size // stage.components, drag.rate[0], drag.room[thread.number]
-    own = chunk_of(thread, block[1] * block[2])
-    for row in range(own[0], own[1]):
+    chunk = chunk_of(thread, block[1] * block[2])
+    for row in range(chunk[0], chunk[1]):
         i0, i1 = row // block[2], row % block[2]
         place, taken = block[0] + i0 * block[4] + i1 * block[5], 0.0
         _means(stage.components, drag, place, pull)
         near = drag.first[0] <= i0 < drag.end[0] and drag.first[1] <= i1 < drag.end[1]
         for c in range(stage.components):
             first = c * apart + place
-            base, out, gained = stage.base[first : first + block[3]], stage.out[first : first + block[3]], pull[c]
+            base, out, gain = stage.base[first : first + block[3]], stage.out[first : first + block[3]], pull[c]
             for i in range(block[3]):
-                out[i] += rate * gained[i]
+                out[i] += rate * gain[i]
             for i in range(drag.first[2], drag.end[2] if near else drag.first[2]):
                 mass = 1 / np.float64(mobility[place + i]) if mobility.size else 1.0
-                taken -= mass * np.float64(rate * gained[i]) * (np.float64(out[i]) - np.float64(base[i]))
+                taken -= mass * np.float64(rate * gain[i]) * (np.float64(out[i]) - np.float64(base[i]))
         drag.lost[i0, i1] += 0.5 * taken
     barrier(thread)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import doubles, ints
 from farhorizon.engine.rows.compiled import njit
 
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -22,59 +23,29 @@ _ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be vectorised; inlined, 
 
 
 class Ends(NamedTuple):
-    """Chains beyond the ends of a bar. K4 is K rounded up to a multiple of four; entries beyond K are zero.
+    """Chains beyond the ends of a bar. K4 is K rounded up to a multiple of four; entries beyond K are zero."""
 
-    Attributes
-    ----------
-    clock : ndarray of int, shape (1,)
-        Number of the step; advanced by each step.
-    first : float
-        Weight of the sample at step 0.
-    nodes : ndarray of int, shape (ends, K)
-        Drivers, from each end inwards.
-    poles : ndarray, shape (ends, 2, P)
-        Real and imaginary parts.
-    inputs, outputs : ndarray, shape (ends, K4, 2 P)
-        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the imaginary parts reversed, so that the
-        force is a product with the states.
-    states : ndarray, shape (ends, 2 P)
-    sample : ndarray, shape (K4,)
-        Work space.
-    forces : ndarray, shape (ends, K4)
-        Accelerations of the drivers.
-    heads, past : ndarray, shapes (ends, B, K, K), (ends, B, K)
-        Kernels, and contributions of earlier blocks, of convolutions in blocks of B steps; B = 0 without convolutions.
-    history : ndarray, shape (ends, steps, K)
-        Values of the drivers; those at step 0 are multiplied by `first`.
-    """
-
-    clock: np.ndarray
-    first: float
-    nodes: np.ndarray
-    poles: np.ndarray
-    inputs: np.ndarray
-    outputs: np.ndarray
-    states: np.ndarray
-    sample: np.ndarray
-    forces: np.ndarray
-    heads: np.ndarray
-    past: np.ndarray
-    history: np.ndarray
+    first: float = 1.0  # weight of the sample at step 0
+    clock: np.ndarray = ints(1)  # number of the step; advanced by each step
+    nodes: np.ndarray = ints(0, 0)  # drivers in a level, from each end inwards; shape (ends, K)
+    poles: np.ndarray = doubles(0, 2, 0)  # real and imaginary parts, shape (ends, 2, P)
+    # Real parts, then imaginary ones, of c_p, and of b_p with the sign of the imaginary parts reversed, so that the
+    # force is a product with the states; shape (ends, K4, 2 P).
+    inputs: np.ndarray = doubles(0, 0, 0)
+    outputs: np.ndarray = doubles(0, 0, 0)
+    states: np.ndarray = doubles(0, 0)  # shape (ends, 2 P)
+    sample: np.ndarray = doubles(0)  # work space, shape (K4,)
+    forces: np.ndarray = doubles(0, 0)  # accelerations of the drivers, shape (ends, K4)
+    # Kernels, and contributions of earlier blocks, of convolutions in blocks of B steps, shapes (ends, B, K, K) and
+    # (ends, B, K); B = 0 without convolutions.
+    heads: np.ndarray = doubles(0, 0, 0, 0)
+    past: np.ndarray = doubles(0, 0, 0)
+    history: np.ndarray = doubles(0, 0, 0)  # values of the drivers, shape (ends, steps, K)
 
 
 def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> Ends:
-    """Return the tables of the ends, with zero states.
-
-    Parameters
-    ----------
-    nodes : ndarray of int, shape (ends, K)
-        Drivers in a level, from each end inwards.
-    first : float
-        Weight of the sample at step 0.
-    sums : sequence of (poles, inputs, outputs), or None
-        Complex arrays of shapes (P,), (P, K), (P, K) for each end that is a sum of exponentials.
-    block : int
-        Steps in a block of convolutions, 0 without.
+    """Return the tables of the ends, with zero states: poles, inputs and outputs, complex and of shapes (P,), (P, K)
+    and (P, K), for each end that is a sum of exponentials, and the steps in a block of convolutions, 0 without.
     """
     ends, reach = nodes.shape
     rows = -(-reach // 4) * 4
@@ -85,16 +56,16 @@ def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (
         np.zeros((ends, rows, 2 * count)),
         np.zeros((ends, rows, 2 * count)),
     )
-    for end, found in enumerate(sums):
-        if found is not None:
-            z, c, b = found
+    for end, exponentials in enumerate(sums):
+        if exponentials is not None:
+            z, c, b = exponentials
             used, imaginary = slice(len(z)), slice(count, count + len(z))
             poles[end, 0, used], poles[end, 1, used] = z.real, z.imag
             inputs[end, :reach, used], inputs[end, :reach, imaginary] = c.real.T, c.imag.T
             outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
     return Ends(
-        clock=np.zeros(1, np.int64),
         first=float(first),
+        clock=np.zeros(1, np.int64),
         nodes=nodes.astype(np.int64),
         poles=poles,
         inputs=inputs,
@@ -158,12 +129,12 @@ def exact_ends(stage, ends):
     """Add to a step, from the state of its stage, the forces of all chains beyond the ends."""
     step = ends.clock[0]
     ends.clock[0] = step + 1
-    share = ends.first if step == 0 else 1.0
+    weight = ends.first if step == 0 else 1.0
     nodes, sample, forces = ends.nodes, ends.sample, ends.forces
     reach = nodes.shape[1]
     for end in range(nodes.shape[0]):
         for m in range(reach):
-            sample[m] = share * stage.src[nodes[end, m]]
+            sample[m] = weight * stage.src[nodes[end, m]]
             ends.history[end, step, m] = sample[m]
         force_of_states(end, ends.outputs, ends.states, forces)
         advance_states(end, ends.poles, ends.inputs, sample, ends.states)

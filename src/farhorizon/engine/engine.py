@@ -16,15 +16,17 @@ from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.dampers import DamperTables
-from farhorizon.engine.dragged_layers import DraggedLayers
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, Exchange
-from farhorizon.engine.layer_tables import LayerTables
+from farhorizon.engine.field import first_tables, numbers_of
+from farhorizon.engine.layer_passes import LayerPass, drag_pass, heat_passes
+from farhorizon.engine.layer_tables import LayerSetup, LayerTables
+from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import SLACK, Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.media import media_of
-from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
+    FURTHER_PASSES,
     SEND,
     Operation,
     Tables,
@@ -38,14 +40,12 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER
-from farhorizon.engine.plain_tables import first_tables, numbers_of
 from farhorizon.engine.repeats import Repeats
 from farhorizon.engine.rows.build import load_program
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Inputs, Stage
-from farhorizon.engine.thermoelastic_layers import ThermoelasticLayers
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -60,36 +60,22 @@ Loop = Callable[[int, int, np.ndarray, Tables, Inputs], None]
 
 @dataclass(frozen=True)
 class Layer(Storable):
-    """Coefficients of an absorbing layer, from the near field outwards.
+    """Coefficients of an absorbing layer, from the near field outwards."""
 
-    Attributes
-    ----------
-    kappa, sigma, alpha : ndarray, shape (columns + 1,)
-        Stretch ``kappa + sigma / (s + alpha)`` on the edges p = 0..columns between its columns.
-    damping : ndarray, shape (columns,), or empty
-        Rate at which each column loses the short waves that pass `taps`.
-    taps : ndarray
-        High-pass filter along one axis, see `engine.filter`.
-    whole : bool
-        Whether short waves themselves are damped, and not only their increments.
-    every : int
-        Number of steps between applications of the filter, each of which damps by as much as is due for all of them; 0
-        leaves the choice to the run.
-    short : bool
-        Whether six digits are enough for this layer's memory; they are used only if they are enough for all layers.
-    tuned : ndarray, shape (2,), or empty
-        Angular frequency of tuned dampers and the width of their band. If given, `damping` is the rate of these dampers
-        instead of that of the filter, see `engine.dampers`.
-    """
-
-    kappa: np.ndarray
+    kappa: np.ndarray  # stretch ``kappa + sigma / (s + alpha)`` on the edges between columns, shape (columns + 1,)
     sigma: np.ndarray
     alpha: np.ndarray
+    # Rate at which each column loses the short waves that pass `taps`, a high-pass filter along one axis (see
+    # `engine.filter`); shape (columns,), or empty.
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    whole: bool = False
+    whole: bool = False  # whether short waves themselves are damped, and not only their increments
+    # Steps between applications of the filter, each of which damps by as much as is due for all of them; 0 leaves the
+    # choice to the run.
     every: int = 0
-    short: bool = False
+    short: bool = False  # whether six digits are enough for this layer's memory; used only if enough for all layers
+    # Angular frequency of tuned dampers and the width of their band, or empty. If given, `damping` is the rate of these
+    # dampers instead of that of the filter, see `engine.dampers`.
     tuned: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
@@ -173,34 +159,21 @@ class Engine:
         through the layers.
     dragged : bool
         Whether drag towards the mean velocity of the neighbours is going to be set (`settings.set_drag`).
-
-    Attributes
-    ----------
-    tables : Tables
-        Tables of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them.
-    passes : Passes or None
-    thermoelastic_layers : ThermoelasticLayers or None
-    dragged_layers : DraggedLayers or None
-    layers_of_passes : list of LayerTables or None
-        Layer tables of each pass, by the number of the pass; None for passes that do not exist.
-    all_layers : list of LayerTables
-        Layer tables of the passes that exist.
-    memory : ndarray
-        Memory of the layers, of the type `kept`: that of the field, or the first halves of its values.
-    bonds : BondZone
-        Bonds that have a law of their own.
-    absent : AbsentBonds
-    loop : callable or None
-        Executes the table of operations in place of the compiled loop, see `tests/interpreter.py`.
-    node_values : ndarray, shape (steps, n)
-        Values at the places of `record_nodes` after each step of an `advance`; valid until the next one.
-    block_values : ndarray, shape (steps, R)
-        Sums of `listen` after each of those steps.
-    watch_stride : int
-        Only the rows of both whose step is a multiple of it are filled.
-    held_forces : ndarray, shape (steps, H)
-        Forces that held the prescribed nodes in each of those steps, as in `Inputs`, if `forces_wanted`.
     """
+
+    tables: Tables  # of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them
+    heat_passes: tuple[LayerPass, ...]  # thermal forces and traces, if heat passes through the layers
+    layers_of_passes: list[LayerTables | None]  # by the number of the pass; None for passes that do not exist
+    all_layers: list[LayerTables]  # of the passes that exist
+    memory: np.ndarray  # of the layers, of the type `kept`: that of the field, or the first halves of its values
+    bonds: BondZone  # bonds that have a law of their own
+    loop: Loop | None  # executes the operations in place of the compiled loop, see `tests/interpreter.py`
+    # Values at the places of `record_nodes` and sums of `settings.record_blocks`, shapes (steps, n) and (steps, R),
+    # after each step of an `advance`, valid until the next one; only rows whose step is a multiple of `watch_stride`.
+    node_values: np.ndarray
+    block_values: np.ndarray
+    watch_stride: int
+    held_forces: np.ndarray  # forces that held the prescribed nodes in each step, as in `Inputs`, if `forces_wanted`
 
     def __init__(
         self,
@@ -231,33 +204,31 @@ class Engine:
         halves = self.dtype.itemsize == 8 and plain and layers and all(layer.short for layer in layers.values())
         self.kept = np.dtype("int32") if halves else self.dtype
         columns = {name: layer.columns for name, layer in self.layers.items()}
-        closed = frozenset(periodic)
-        self.layout = Layout(core, self.offsets, columns, closed, self.components, self.dtype.itemsize)
+        axes = frozenset(periodic)
+        self.layout = Layout(core, self.offsets, columns, axes, self.components, self.dtype.itemsize)
         self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
-        matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         self.signs = signs = signs_of(self.components) if signs is None else signs
-        springs = recursion if self.weights.any() else {}  # an operator of two passes may have no springs
-        of_values = self.dtype, self.kept, self.remember, coefficient is None
-        self.layer_tables = LayerTables(
-            self.layout, self.offsets, matrices, signs, signs, springs, *of_values, stages=len(stages.numbers)
-        )
-        self.passes = None if sums is None else Passes(self, sums, recursion)
-        self.thermoelastic_layers = (
-            None if heat is None else ThermoelasticLayers(self, heat, recursion, coefficient is None)
-        )
-        self.dragged_layers = DraggedLayers(self, recursion) if dragged else None
-        passes, warm, drag = self.passes, self.thermoelastic_layers, self.dragged_layers
-        self.layers_of_passes: list[LayerTables | None] = [
+        alike = coefficient is None
+        of_values = self.dtype, self.kept, self.remember
+        self.layer_setup = LayerSetup(self.layout, self.offsets, recursion, *of_values, len(stages.numbers))
+        matrices = self.weights.reshape(len(self.weights), self.components, self.components)
+        springs = self.layer_setup if self.weights.any() else self.layer_setup._replace(recursion={})  # of two passes
+        self.layer_tables = LayerTables(springs, matrices, signs, signs, alike)
+        self.passes = None if sums is None else Passes(self, sums)
+        self.heat_vectors = np.zeros((0, 0)) if heat is None else heat
+        self.heat_passes = () if heat is None else heat_passes(self.layer_setup, heat, alike)
+        self.drag_pass = drag_pass(self.layer_setup, signs) if dragged else None
+        self.layers_of_passes = [
             self.layer_tables,
-            *((None, None) if passes is None else passes.layer_tables),
-            *((None, None) if warm is None else warm.layer_tables),
-            None if drag is None else drag.layer_tables,
+            *((None, None) if self.passes is None else self.passes.layer_tables),
+            *([heat_pass.layer_tables for heat_pass in self.heat_passes] or (None, None)),
+            None if self.drag_pass is None else self.drag_pass.layer_tables,
         ]
         self.all_layers = [tables for tables in self.layers_of_passes if tables is not None]
         self.dampers = DamperTables(self.layout, self.layers, dt)
-        self.memory = self._one_memory()
+        self.memory = self._allocate_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
         memory = self.memory.size // 4 if self.remember else 0
         numbers = self.components * int(np.prod(core)) + memory
@@ -276,24 +247,23 @@ class Engine:
         self.watch_stride = 1
         self.held_forces, self.forces_wanted = np.zeros((0, 0)), False
         self._repeats = Repeats()
-        self._own_loop = CompiledLoop()
-        self._asked: dict[tuple[Any, ...], _Prepared] = {}
-        self.loop: Loop | None = None
+        self._compiled_loop = CompiledLoop()
+        self._prepared: dict[tuple[Any, ...], _Prepared] = {}
+        self.loop = None
 
     def in_a_line(self, side: int) -> int:
         """Number of values that the layers at one side of the last axis have beside each of its lines, for exchange."""
         return sum(tables.in_a_line(side) for tables in self.all_layers)
 
-    def _one_memory(self) -> np.ndarray:
+    def _allocate_memory(self) -> np.ndarray:
         """Allocate the memory of the layers of all passes as one array, and return it."""
-        every = self.all_layers
-        starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
+        starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in self.all_layers)])
         stretched = 0 if self.passes is None else self.passes.stretches.memory.size
         hanging = 3 * self.components * self.dampers.size
-        end = int(starts[-1]) if stretched or hanging else int(starts[-2]) + every[-1].layers.memory.size
+        end = int(starts[-1]) if stretched or hanging else int(starts[-2]) + self.all_layers[-1].layers.memory.size
         self.dampers.start = aligned(end + stretched) if hanging else 0
         memory = aligned_zeros(self.dampers.start + hanging + SLACK if hanging else end + stretched, self.kept)
-        for start, tables in zip(starts[:-1], every, strict=True):
+        for start, tables in zip(starts[:-1], self.all_layers, strict=True):
             tables.start = int(start)
             tables.layers = _remembering(tables.layers, memory, tables.start)
         if self.passes is not None and stretched:
@@ -304,10 +274,9 @@ class Engine:
     def spread(
         self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None, jointly: bool = False
     ) -> np.ndarray:
-        """Extend nodal values of the core to all places of a level, constant along each normal beyond the core's edge.
-
-        `beyond` gives the value beyond a side (axis, side) where it differs from that at the edge. If `jointly`, all
-        processes that exchange halos call this together, and each gives the others the values beyond their sides.
+        """Extend nodal values of the core to all places of a level, constant along each normal beyond the core's edge,
+        except where `beyond` gives the value beyond a side (axis, side). If `jointly`, all processes that exchange
+        halos call this together, and each gives the others the values beyond their sides.
         """
         layout, padded = self.layout, np.asarray(core, float)
         for axis, m in enumerate(layout.reach):
@@ -334,13 +303,13 @@ class Engine:
         self.exchange.fill(values, 1)
         reach, mask = self.layout.reach, np.zeros(self.layout.size, bool)
         mask[self.exchange.filled] = True
-        every, taken = self.layout.box.all(values), self.layout.box.all(mask)
-        inside = tuple(slice(m, n - m) for m, n in zip(reach, every.shape, strict=True))
+        padded, filled = self.layout.box.all(values), self.layout.box.all(mask)
+        inside = tuple(slice(m, n - m) for m, n in zip(reach, padded.shape, strict=True))
         for axis, side in itertools.product(range(3), (-1, 1)):
-            m, n = reach[axis], every.shape[axis] - 2 * reach[axis]
+            m, n = reach[axis], padded.shape[axis] - 2 * reach[axis]
             halo, edge = (slice(0, m), m) if side < 0 else (slice(m + n, None), m + n - 1)
-            along = np.moveaxis(every, axis, 0)
-            if taken[tuple(halo if a == axis else part for a, part in enumerate(inside))].any():
+            along = np.moveaxis(padded, axis, 0)
+            if filled[tuple(halo if a == axis else part for a, part in enumerate(inside))].any():
                 continue
             if axis in self.layout.periodic:
                 along[halo] = along[n : n + m] if side < 0 else along[m : 2 * m]
@@ -415,8 +384,9 @@ class Engine:
         """Set the dependent nodes of the current level; `values` holds, for each of them, what is added to its
         combination.
         """
-        level, one = self.current, self.dtype.type(1)
-        stage = Stage(level, level, level, 0, one, one, one, one, False, self.components, self.components)
+        level, unit = self.current, self.dtype.type(1)
+        factors = dict.fromkeys(("a", "a_difference", "b", "scale"), unit)
+        stage = Stage(level, level, level, components=self.components, rows=self.components, **factors)
         fields = np.asarray(values, self.dtype)[None]
         load_program().depend(Struct(stage), Struct(self.tables.dependents), fields, np.ones(1, self.dtype))
 
@@ -469,7 +439,7 @@ class Engine:
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """Apply the operator L to a level, and return a level (valid at its nodes only); fills the halo of `level`."""
-        return self.operate(level, operator_operations(self.tables), apart=True)
+        return self.operate(level, operator_operations(self.tables), keep_memory=True)
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """Apply the operator L to a level with plain shifts everywhere, using its halo as it is, without thermal
@@ -479,43 +449,43 @@ class Engine:
 
     def core_operator(self) -> Callable[[np.ndarray], np.ndarray]:
         """Return `apply_core` as a callable for repeated use: preparing its tables takes longer than a small sweep."""
-        return _Prepared(self, sweep_operations(self.tables), cold=True, gaping=True)
+        return _Prepared(self, sweep_operations(self.tables), thermal=False, contact=False)
 
     def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
         """Thermal forces on undisplaced nodes in a state-based medium, as a level, and four times the energy of each
         place, per unit mass of a node.
         """
         assert self.passes is not None
-        forces = self.operate(np.zeros_like(self.current), sweep_operations(self.tables), gaping=True)
+        forces = self.operate(np.zeros_like(self.current), sweep_operations(self.tables), contact=False)
         return forces, 4 * self.passes.energy_of_heat()
 
     def operate(
         self,
         level: np.ndarray,
         operations: list[Operation],
-        apart: bool = False,
-        cold: bool = False,
+        keep_memory: bool = False,
+        thermal: bool = True,
+        contact: bool = True,
         again: bool = False,
-        gaping: bool = False,
     ) -> np.ndarray:
         """Apply some operations to a level outside the time loop, and return the result as a level; no bond breaks.
 
-        If `apart`, the memory of the layers is left unchanged; if `cold`, there are no thermal strains; if `gaping`,
-        absent bonds of a state-based medium carry no compression. The prepared tables are kept if the same operations
-        are going to be applied `again`.
+        The memory of the layers may be left unchanged, thermal strains left out, and so may the compression that absent
+        bonds of a state-based medium carry. The prepared tables are kept if the same operations are going to be applied
+        `again`.
         """
-        asked = (apart, cold, gaping, *operations)
-        kept = self._asked.get(asked) if again else None
-        if kept is None or kept.of is not self.tables:
-            kept = _Prepared(self, operations, apart, cold, gaping)
+        key = (keep_memory, thermal, contact, *operations)
+        prepared = self._prepared.get(key) if again else None
+        if prepared is None or prepared.of is not self.tables:
+            prepared = _Prepared(self, operations, keep_memory, thermal, contact)
             if again:
-                self._asked[asked] = kept
-        return kept(level)
+                self._prepared[key] = prepared
+        return prepared(level)
 
     def _no_inputs(self, steps: int) -> Inputs:
         """Return inputs without sources for a number of steps; prescribed values are zero."""
-        found = self._repeats.nothing(steps, self.tables, self.held, self._watched, self.watch_stride)
-        return found._replace(before=self.steps_done)
+        inputs = self._repeats.nothing(steps, self.tables, self.held, self._watched, self.watch_stride)
+        return inputs._replace(before=self.steps_done)
 
     def sweep_in_pieces(self, rows: int) -> None:
         """Sweep whole multiples of a number of rows at a time from now on."""
@@ -533,18 +503,13 @@ class Engine:
         dependent_fields: np.ndarray | None = None,
         dependent_times: np.ndarray | None = None,
     ) -> None:
-        """Run steps without returning to Python; sources, held and dependent values are those of `Inputs`.
-
-        Raises
-        ------
-        IndexError
-            If the shape of a table does not match the steps: the compiled loop, which checks no bounds, is then not
-            run.
+        """Run steps without returning to Python; sources, held and dependent values are those of `Inputs`. If the shape
+        of one does not match the steps, this raises an IndexError in place of running the loop, which checks no bounds.
         """
         self._lengthen_history(steps)
-        nothing = self._no_inputs(steps)
-        self.node_values, self.block_values = nothing.node_values, nothing.block_values
-        inputs = nothing._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
+        inputs = self._no_inputs(steps)
+        self.node_values, self.block_values = inputs.node_values, inputs.block_values
+        inputs = inputs._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
         if held_values is not None:
             inputs = inputs._replace(held_values=np.asarray(held_values, float))
         if self.forces_wanted:
@@ -558,7 +523,7 @@ class Engine:
             self.exchange.agree((steps,))
         tables = self._repeats.planned(self.tables, inputs)
         if self.loop is None:
-            self._own_loop(steps, self.phase, self.levels, tables, inputs, self.threads)
+            self._compiled_loop(steps, self.phase, self.levels, tables, inputs, self.threads)
         else:
             self.loop(steps, self.phase, self.levels, tables, inputs)
         self.phase = (self.phase + steps) % len(tables.rotation)
@@ -584,63 +549,61 @@ class Engine:
         """Places of the memory that the forces of the displacements use: for each pass and layer its number, (axis,
         side), an array by component, number, and line, and the signs of the components; see `LayerTables.cells`.
         """
-        warm = () if self.thermoelastic_layers is None else self.thermoelastic_layers.layer_tables
-        of_the_solid = [tables for tables in self.all_layers if tables not in warm]
-        found = [
+        of_heat = [heat_pass.layer_tables for heat_pass in self.heat_passes]
+        of_the_solid = [tables for tables in self.all_layers if tables not in of_heat]
+        of_layers = [
             (number + stage * (len(self.all_layers) + 1), key, tables.start + start + cells, signs)
             for number, tables in enumerate(of_the_solid if self.remember else ())
             for stage, start in enumerate(tables.starts)
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
-        return found + [(len(self.all_layers), key, cells, self.signs) for key, cells in self.dampers.cells()]
+        return of_layers + [(len(self.all_layers), key, cells, self.signs) for key, cells in self.dampers.cells()]
 
     @property
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, exact ends, fringes, the filter and absent bonds."""
         tables = self.tables
-        parts = (
-            tables.ends,
-            tables.phases,
-            tables.bonds,
-            tables.outline_stencil,
-            tables.filter,
-            tables.cuts,
-            tables.surface,
-        )
+        parts = (tables.ends, tables.phases, tables.bonds, tables.outline_stencil, tables.filter)
+        absent = (tables.cuts, tables.surface)
         states = tables.gradient_pass.sweep.law.values
         stretched = tables.stretches.keep, tables.stretches.gain, tables.stretches.own
         drag = tables.drag.moved, tables.drag.beyond
-        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched, *drag)
-        return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
+        arrays = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched, *drag)
+        return sum(np.asarray(a).nbytes for part in (arrays, *parts, *absent) for a in part)
 
 
 class _Prepared:
     """Prepared operations of `Engine.operate`, applicable to any level as long as the engine's tables stay the same."""
 
     def __init__(
-        self, engine: Engine, operations: list[Operation], apart: bool = False, cold: bool = False, gaping: bool = False
+        self,
+        engine: Engine,
+        operations: list[Operation],
+        keep_memory: bool = False,
+        thermal: bool = True,
+        contact: bool = True,
     ) -> None:
-        self.engine, self.of, self.apart = engine, engine.tables, apart
+        self.engine, self.of, self.keep_memory = engine, engine.tables, keep_memory
         scale = engine.stages.numbers[0][2]  # the last stage may not apply the operator
         numbers = np.array([numbers_of(engine, float(engine.stages.increments), 0.0, scale, 0.0)], engine.dtype)
         tables = once(engine.tables, operations, numbers)
-        if cold:
+        if not thermal:
             tables = without_heat(tables)
-        if gaping:
+        if not contact:
             tables = without_contact(tables)
-        self.memory = engine.memory.copy() if apart else engine.memory
-        self.tables = self._with_own_memory(tables) if apart else tables
+        self.memory = engine.memory.copy() if keep_memory else engine.memory
+        self.tables = self._with_own_memory(tables) if keep_memory else tables
         self.levels = np.zeros((3, engine.levels.shape[1]), engine.dtype)
-        self.loop = CompiledLoop(engine._own_loop)
+        self.loop = CompiledLoop(engine._compiled_loop)
         # all processes have messages of levels; those of layers only where there are some
-        self.together = any(one == SEND and number // 3 == LEVEL for one, number, _ in operations)
+        self.together = any(operation == SEND and number // 3 == LEVEL for operation, number, _ in operations)
 
     def __call__(self, level: np.ndarray) -> np.ndarray:
         """Apply the operations to a level, whose halo is filled, and return the result as a level."""
         engine, levels = self.engine, self.levels
         if self.together and engine.exchange is not None:
             engine.exchange.agree((1,))
-        if self.apart:
+        if self.keep_memory:
             self.memory[:] = engine.memory
         levels[0], levels[1:] = level, 0
         if engine.loop is None:
@@ -653,18 +616,15 @@ class _Prepared:
     def _with_own_memory(self, tables: Tables) -> Tables:
         """Return tables whose layers use a memory separate from the engine's."""
         engine, memory = self.engine, self.memory
-        springs, *beside = engine.layers_of_passes
-        assert springs is not None
-        found: dict[str, Any] = {"layers": _remembering(tables.layers, memory, springs.start)}
-        for name, one in zip(
-            ("gradient_pass", "divergence_pass", "pushes", "traces", "neighbours"), beside, strict=True
-        ):
-            if one is not None:
+        _, *further = engine.layers_of_passes
+        changed: dict[str, Any] = {"layers": _remembering(tables.layers, memory, engine.layer_tables.start)}
+        for name, layers in zip(FURTHER_PASSES, further, strict=True):
+            if layers is not None:
                 sums = getattr(tables, name)
-                found[name] = sums._replace(layers=_remembering(sums.layers, memory, one.start))
+                changed[name] = sums._replace(layers=_remembering(sums.layers, memory, layers.start))
         if engine.passes is not None:
-            found["stretches"] = _remembering(tables.stretches, memory, engine.passes.start)
-        return tables._replace(**found)
+            changed["stretches"] = _remembering(tables.stretches, memory, engine.passes.start)
+        return tables._replace(**changed)
 
 
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.layout import HALOS, Layout
-from farhorizon.engine.rows.build import load_exchange
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.exchanges import HEAD, RECEIVES, REQUEST, ROW, STATUS, TABLE, USED
 
 Places = np.ndarray  # of a halo, and of what it repeats; shape (2, n)
@@ -28,28 +28,14 @@ LEVEL, SLOTS, FILTER = 0, 1, -1
 
 @dataclass(frozen=True)
 class Link:
-    """Handles by which compiled code reaches other processes.
+    """Handles by which compiled code reaches other processes, whose messages it awaits without an end."""
 
-    Attributes
-    ----------
-    functions : tuple of int
-        Addresses of MPI_Isend, MPI_Irecv, MPI_Waitall and MPI_Testall; 0 for a single process.
-    communicator, kind : int
-        Handles of the communicator and of the byte type.
-    wide : bool
-        Whether handles are pointers instead of integers of four bytes.
-    own : int
-        Rank of this process.
-    agree : callable
-        Called with what this process is about to compute together with the others, in numbers; raises an error, on all
-        of them, unless all are. Compiled code waits for messages of the others without an end.
-    """
-
-    functions: tuple[int, int, int, int]
+    functions: tuple[int, int, int, int]  # addresses of MPI_Isend, _Irecv, _Waitall and _Testall; 0 for one process
     communicator: int
-    kind: int
-    wide: bool
-    own: int
+    byte: int  # handle of the byte type
+    wide: bool  # whether handles are pointers instead of integers of four bytes
+    rank: int  # of this process
+    # called with what this process is about to compute with the others, in numbers; raises on all unless all are
     agree: Callable[[tuple[int, ...]], object] = lambda numbers: None
 
 
@@ -57,12 +43,8 @@ class Link:
 class Messages:
     """Values that are sent and received, axis by axis.
 
-    Attributes
-    ----------
-    link : Link
-    rows : list of (int, int, ndarray, ndarray, int)
-        For each message the destination and the source (negative for none), the places that are sent and those that are
-        filled, and a tag: twice the axis, plus one on the high side.
+    Each row is a message: the destination and the source (negative for none), the places that are sent and those that
+    are filled, and a tag, twice the axis plus one on the high side.
     """
 
     link: Link
@@ -70,19 +52,12 @@ class Messages:
 
     @classmethod
     def between(cls, link: Link, neighbours: Mapping[Side, int], across: Mapping[Side, Places]) -> Messages:
-        """Return the messages that fill the halos on all sides.
-
-        Parameters
-        ----------
-        link : Link
-        neighbours : mapping of (axis, side) to int
-            Ranks of processes, negative for none; axes without any are left out.
-        across : mapping of (axis, side) to ndarray of int, shape (2, n)
-            Places of the halo on a side, and those that it would repeat if the axis were periodic.
+        """Return the messages that fill the halos on all sides: `neighbours` are ranks, negative for none, and `across`
+        the places of the halo on a side and those that it would repeat if the axis were periodic.
         """
         rows = []
         for axis, side in sorted(neighbours):
-            # what the halo here would repeat is what the neighbour on the other side wants
+            # what the halo here would repeat is what the neighbour on the other side needs
             filled, sent = across[axis, side]
             rows.append((neighbours[axis, -side], neighbours[axis, side], sent, filled, 2 * axis + (side > 0)))
         return cls(link, [row for row in rows if len(row[2])])
@@ -94,21 +69,13 @@ class Messages:
     @property
     def volume(self) -> int:
         """Number of values per component that are sent to other processes."""
-        return sum(len(sent) for to, _, sent, *_ in self.rows if to >= 0 and to != self.link.own)
+        return sum(len(sent) for to, _, sent, *_ in self.rows if to >= 0 and to != self.link.rank)
 
 
 class Table:
     """Table of messages for compiled code, see `engine.rows.exchanges`, and the memory that it refers to.
 
-    Parameters
-    ----------
-    messages : Messages
-    size : int
-        Bytes per value.
-    components : int
-        Largest number of components of a value that is sent.
-    kind : int
-        Kind of these messages; messages of several kinds may be under way at the same time.
+    A value has `size` bytes and at most so many components; messages of several kinds may be under way at once.
     """
 
     def __init__(self, messages: Messages, size: int, components: int, kind: int) -> None:
@@ -121,14 +88,15 @@ class Table:
         for (to, source, sent, filled, tag), buffers in zip(messages.rows, self._buffers, strict=True):
             ends = []
             for places in (sent, filled):
-                found = _runs(places) * size
-                runs.append(found.ravel())
-                ends += [start, start + found.size]
-                start += found.size
-            rows.append([to, source, *ends, len(sent) * size, 6 * kind + tag, *(one.ctypes.data for one in buffers)])
-        head = [*link.functions, link.communicator, link.kind, link.wide, link.own, len(rows)]
+                of_bytes = _runs(places) * size
+                runs.append(of_bytes.ravel())
+                ends += [start, start + of_bytes.size]
+                start += of_bytes.size
+            addresses = [buffer.ctypes.data for buffer in buffers]
+            rows.append([to, source, *ends, len(sent) * size, 6 * kind + tag, *addresses])  # six tags in each kind
+        head = [*link.functions, link.communicator, link.byte, link.wide, link.rank, len(rows)]
         head += [self._requests.ctypes.data, self._statuses.ctypes.data, 0]
-        self.words = np.concatenate([np.array(one, np.int64) for one in (head, *rows, *runs)])
+        self.words = np.concatenate([np.array(words, np.int64) for words in (head, *rows, *runs)])
 
     @property
     def address(self) -> int:
@@ -146,45 +114,32 @@ def free_of_halos(layout: Layout, neighbours: Mapping[Side, int]) -> np.ndarray:
     """Rows that do not depend on what other processes fill along the first two axes: first and end, shape (2, 2); zero
     if there are none. Rows are not cut: this would cost more vectors than the messages along the last axis take time.
     """
-    found = np.array([(0, 0), layout.box.nodes[:2]], np.int64)
-    for (axis, side), other in neighbours.items():
-        if other >= 0 and axis < 2:
-            found[int(side > 0), axis] -= side * layout.reach[axis]
-    return found if (found[0] < found[1]).all() else np.zeros((2, 2), np.int64)
+    ends = np.array([(0, 0), layout.box.nodes[:2]], np.int64)
+    for (axis, side), rank in neighbours.items():
+        if rank >= 0 and axis < 2:
+            ends[int(side > 0), axis] -= side * layout.reach[axis]
+    return ends if (ends[0] < ends[1]).all() else np.zeros((2, 2), np.int64)
 
 
 class Exchange:
-    """Exchange of halos of an engine with other processes.
+    """Exchange of halos of an engine with other processes: messages of levels, of the slots of each pass, and of the
+    box of the filter.
 
-    Parameters
-    ----------
-    kinds : sequence of Messages
-        Messages of levels, of the slots of each pass, and of the box of the filter.
-    components : int
-        Largest number of components of the fields that are exchanged.
-    dtype : dtype
-
-    Attributes
-    ----------
-    messages : list of Messages
-    numbers : ndarray of int, shape (kinds, 3, 5)
-        For each kind and axis the addresses of the functions that start messages, complete them and let them make
-        progress, the address of their table, and whether it has any messages.
-    agree : callable
-        As in `Link`.
+    `numbers`, shape (kinds, 3, 5), has for each kind and axis the addresses of the functions that start messages,
+    complete them and let them make progress, the address of their table, and whether it has any messages.
     """
 
     def __init__(self, kinds: Sequence[Messages], components: int, dtype: np.dtype) -> None:
-        self.messages, self._size, self.agree = list(kinds), dtype.itemsize, kinds[0].link.agree
-        along = [[one.along(axis) for axis in range(3)] for one in kinds]
+        self.messages, self.agree = list(kinds), kinds[0].link.agree
+        along = [[messages.along(axis) for axis in range(3)] for messages in kinds]
         self._tables = [
-            [Table(one, dtype.itemsize, components if kind == LEVEL else 1, kind) for one in axes]
+            [Table(messages, dtype.itemsize, components if kind == LEVEL else 1, kind) for messages in axes]
             for kind, axes in enumerate(along)
         ]
-        functions = load_exchange()
+        functions = load_rows("exchange_rows")
         self.numbers = np.array(
             [
-                [(*functions, table.address, bool(one.rows)) for table, one in zip(tables, axes, strict=True)]
+                [(*functions, table.address, bool(messages.rows)) for table, messages in zip(tables, axes, strict=True)]
                 for tables, axes in zip(self._tables, along, strict=True)
             ],
             np.int64,
@@ -211,7 +166,3 @@ class Exchange:
         """Places of a level's first component that other processes fill, shape (n,)."""
         places = [filled for _, source, _, filled, _ in self.messages[LEVEL].rows if source >= 0]
         return np.unique(np.concatenate([np.zeros(0, np.int64), *places]))
-
-    def volume(self, components: int) -> int:
-        """Bytes of a level that this process sends to others."""
-        return self.messages[LEVEL].volume * components * self._size

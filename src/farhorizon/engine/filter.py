@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
+from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros, ints, reals, with_defaults
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
-from farhorizon.engine.rows.vectors import TOGETHER, fetch, take_passed, weigh_change
+from farhorizon.engine.rows.runs import TOGETHER, fetch, take_passed, weigh_change
 from farhorizon.engine.threads import barrier, chunk_of
 
 _PIECE = 256  # nodes of a run that one thread takes at a time
@@ -39,56 +39,30 @@ _CUT, _HELD = 1, 2  # how lines end
 
 
 class Filter(NamedTuple):
-    """What damps short waves in the layers.
+    """What damps short waves in the layers; without runs where nothing is damped."""
 
-    Attributes
-    ----------
-    taps : ndarray, shape (R + 1,)
-        Filter along one axis: its weight of the node itself, of both neighbours, and so on.
-    steps : ndarray of int
-        Distances in the box between neighbours along the axes.
-    box : ndarray
-        A place for every node in their natural order, with margins; zero where nothing is damped. It goes on for
-        `SLACK` values.
-    strengths : ndarray
-        Lines of strengths along the last axis, each different one once; they go on for `SLACK` values.
-    runs : ndarray of int, shape (P, 4 + axes)
-        Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, number of nodes;
-        and how far away along each axis of the filter there may be damped nodes, as it meets only zeros beyond them.
-    copies : ndarray of int, shape (3, C)
-        Places of the box that repeat what lies across periodic axes or before walls, the places repeated, and the sign.
-    cut_nodes : ndarray of int, shape (M,)
-        Places in a level of nodes on lines that are cut within the filter's length.
-    cut_ends : ndarray of int, shape (M + 1,)
-        Where the entries of each of these nodes begin in the next two arrays, and where the last ones end.
-    cut_places : ndarray of int, shape (E,)
-        Places of the box.
-    cut_weights : ndarray, shape (E,)
-        Weights, with the node's strength, by which their values are subtracted in addition to what the filter passes.
-    whole : bool
-        Whether the waves themselves are filtered, not only their increments.
-    every : int
-        Number of steps from one use of the filter to the next, which damps by as much as one in each.
-    blocked : bool
-        Whether the pieces are not in the order of their nodes, but in blocks whose lines stay in the cache.
-    exchange : ndarray of int, shape (3, 5)
-        Messages by which other processes fill margins of the box, as a kind of `Tables.exchange`.
-    """
-
-    taps: np.ndarray
-    steps: np.ndarray
-    box: np.ndarray
-    strengths: np.ndarray
-    runs: np.ndarray
-    copies: np.ndarray
-    cut_nodes: np.ndarray
-    cut_ends: np.ndarray
-    cut_places: np.ndarray
-    cut_weights: np.ndarray
-    whole: bool
-    every: int
-    blocked: bool
-    exchange: np.ndarray
+    taps: np.ndarray = reals(1)  # weight of the node itself along one axis, of both neighbours, and so on; (R + 1,)
+    steps: np.ndarray = ints(0)  # distances in the box between neighbours along the axes
+    # A place for every node in their natural order, with margins; zero where nothing is damped. It goes on for `SLACK`
+    # values, as do the strengths: different lines of these along the last axis.
+    box: np.ndarray = reals(0)
+    strengths: np.ndarray = reals(0)
+    # Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, number of nodes;
+    # and how far away along each axis of the filter there may be damped nodes, as it meets only zeros beyond them;
+    # shape (P, 4 + axes).
+    runs: np.ndarray = ints(0, 7)
+    # Places of the box that repeat what lies across periodic axes or before walls, the places repeated, and the sign.
+    copies: np.ndarray = ints(3, 0)
+    cut_nodes: np.ndarray = ints(0)  # places in a level of nodes on lines that are cut within the filter's length
+    cut_ends: np.ndarray = ints(1)  # where their entries begin in the next two arrays, and where the last ones end
+    cut_places: np.ndarray = ints(0)  # places of the box
+    # Weights, with the node's strength, by which their values are subtracted in addition to what the filter passes.
+    cut_weights: np.ndarray = reals(0)
+    whole: bool = False  # whether the waves themselves are filtered, not only their increments
+    every: int = 1  # steps from one use of the filter to the next, which damps by as much as one in each
+    blocked: bool = False  # whether the pieces are in blocks whose lines stay in the cache, not in the nodes' order
+    # Messages by which other processes fill margins of the box, as a kind of `Tables.exchange`; shape (3, 5).
+    exchange: np.ndarray = NO_MESSAGES
 
 
 def filter_tables(
@@ -96,29 +70,15 @@ def filter_tables(
     rates: Mapping[tuple[int, int], np.ndarray],
     taps: np.ndarray,
     dt: float,
-    real: np.dtype | str = "float64",
+    real: np.dtype,
     whole: bool = False,
     every: int = 1,
 ) -> Filter:
-    """Tables that `damp_short_waves` reads; without runs where nothing is damped.
-
-    Parameters
-    ----------
-    layout : Layout
-    rates : mapping of (axis, side) to ndarray, shape (columns,)
-        Damping rate of what passes the filter, from the near field outwards; where layers meet the rates are added.
-    taps : ndarray, shape (R + 1,)
-        Filter along one axis: its weight of the node itself, of the neighbours on both sides, and so on.
-    dt : float
-    real : dtype
-    whole : bool
-    every : int
+    """Tables that `damp_short_waves` reads. `rates` are those at which each layer, by (axis, side) and from the near
+    field outwards, damps what passes the filter; where layers meet they are added.
     """
     if not any(np.any(rate) for rate in rates.values()):
-        none, empty = np.zeros(0, np.int64), np.zeros(0, real)
-        pieces, copies = np.zeros((0, 7), np.int64), np.zeros((3, 0), np.int64)
-        cuts = none, np.zeros(1, np.int64), none, empty
-        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, *cuts, whole, 1, False, NO_MESSAGES)
+        return with_defaults(Filter, real, whole=whole)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads, extent, step = _extents(layout, taps)
     along = _along(layout, rates)
@@ -134,21 +94,18 @@ def filter_tables(
         _limits(layout, along, len(taps) - 1)[:, damped],
     )
     blocked = len(axes) == 3 and len(taps) > _LONG
-    return Filter(
-        np.ascontiguousarray(taps, real),
-        step[axes],
-        aligned_zeros(int(np.prod(extent)) + SLACK, np.dtype(real)),
-        np.append(strengths, np.zeros(SLACK)).astype(real),
-        _in_blocks(runs, step, len(taps), np.dtype(real).itemsize) if blocked else runs,
-        _wrapped(places[damped], layout, step, pads, extent, len(taps) - 1),
-        np.zeros(0, np.int64),
-        np.zeros(1, np.int64),
-        np.zeros(0, np.int64),
-        np.zeros(0, real),
-        whole,
-        every,
-        blocked,
-        NO_MESSAGES,
+    return with_defaults(
+        Filter,
+        real,
+        taps=np.ascontiguousarray(taps, real),
+        steps=step[axes],
+        box=aligned_zeros(int(np.prod(extent)) + SLACK, real),
+        strengths=np.append(strengths, np.zeros(SLACK)).astype(real),
+        runs=_in_blocks(runs, step, len(taps), real.itemsize) if blocked else runs,
+        copies=_wrapped(places[damped], layout, step, pads, extent, len(taps) - 1),
+        whole=whole,
+        every=every,
+        blocked=blocked,
     )
 
 
@@ -166,7 +123,7 @@ def _extents(layout: Layout, taps: np.ndarray) -> tuple[list[int], list[int], np
 
 def _limits(layout: Layout, along: Sequence[np.ndarray], reach: int) -> np.ndarray:
     """How many nodes away, at most `reach`, there may be damped ones along each axis, shape (axes, *nodes)."""
-    nodes, found = layout.box.nodes, []
+    nodes, limits = layout.box.nodes, []
     for axis in (a for a in range(3) if layout.reach[a]):
         limit, (core, low, high) = np.full(nodes[axis], reach), (layout.core[axis], layout.low[axis], layout.high[axis])
         if core >= reach and axis not in layout.periodic:
@@ -174,9 +131,10 @@ def _limits(layout: Layout, along: Sequence[np.ndarray], reach: int) -> np.ndarr
                 i = np.arange(columns)
                 limit[first : first + columns] = np.minimum(np.maximum(i, columns - 1 - i), reach)
         elsewhere = [np.zeros(1) if a == axis else rate for a, rate in enumerate(along)]
-        whole = np.add.outer(np.add.outer(elsewhere[0], elsewhere[1]), elsewhere[2]) > 0  # another layer damps the line
-        found.append(np.where(whole, reach, limit.reshape([-1 if a == axis else 1 for a in range(3)])))
-    return np.array(np.broadcast_arrays(*found))
+        # lines that another layer damps
+        crossed = np.add.outer(np.add.outer(elsewhere[0], elsewhere[1]), elsewhere[2]) > 0
+        limits.append(np.where(crossed, reach, limit.reshape([-1 if a == axis else 1 for a in range(3)])))
+    return np.array(np.broadcast_arrays(*limits))
 
 
 def _along(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray]) -> list[np.ndarray]:
@@ -199,30 +157,19 @@ def margin_across(
     along = [rate * (a != axis) for a, rate in enumerate(_along(layout, rates))]
     n, far = layout.box.nodes[axis], len(taps) - 1
     beyond = np.arange(-far, 0) if side < 0 else np.arange(n, n + far)
-    found = []
+    both = []
     for lines in (beyond, beyond % n):
-        at = [lines if a == axis else np.arange(len(rate)) for a, rate in enumerate(along)]
-        parts = [(pad + one) * s for pad, one, s in zip(pads, at, step, strict=True)]
-        found.append(np.add.outer(np.add.outer(parts[0], parts[1]), parts[2]))
-    rate = [np.zeros(len(beyond)) if a == axis else one for a, one in enumerate(along)]
-    damped = np.add.outer(np.add.outer(rate[0], rate[1]), rate[2]) > 0
-    return np.array([places[damped] for places in found])
+        indices = [lines if a == axis else np.arange(len(rate)) for a, rate in enumerate(along)]
+        parts = [(pad + index) * s for pad, index, s in zip(pads, indices, step, strict=True)]
+        both.append(np.add.outer(np.add.outer(parts[0], parts[1]), parts[2]))
+    rates_across = [np.zeros(len(beyond)) if a == axis else rate for a, rate in enumerate(along)]
+    damped = np.add.outer(np.add.outer(rates_across[0], rates_across[1]), rates_across[2]) > 0
+    return np.array([places[damped] for places in both])
 
 
 def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndarray) -> np.ndarray:
-    """``D F D`` along a layer's normal, which a step subtracts from the increments, for a wave along the layer.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (columns,)
-    taps : ndarray, shape (R + 1,)
-    dt : float
-    across : ndarray, shape (..., dim - 1)
-        Wavenumbers along the layer times spacing.
-
-    Returns
-    -------
-    ndarray, shape (..., columns, columns)
+    """``D F D`` along a layer's normal, which a step subtracts from the increments, for waves along the layer with
+    wavenumbers `across` times the spacing, shape (..., dim - 1); shape (..., columns, columns).
     """
     axes = 1 + across.shape[-1]
     strengths = np.sqrt(-np.expm1(-axes * rates * dt) / axes)
@@ -258,9 +205,9 @@ def _in_blocks(runs: np.ndarray, step: np.ndarray, taps: int, size: int) -> np.n
 
 def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filter:
     """The same filter without the nodes for which `spared`, a function of their places in a level, is true."""
-    run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
-    kept = ~spared(run[:, 1] + within)
-    runs = _runs(run[kept, :3].T + within[kept], run[kept, 4:].T)
+    run, number = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
+    kept = ~spared(run[:, 1] + number)
+    runs = _runs(run[kept, :3].T + number[kept], run[kept, 4:].T)
     if tables.blocked:
         runs = _in_blocks(runs, tables.steps, len(tables.taps), tables.box.itemsize)
     weights = np.where(np.repeat(spared(tables.cut_nodes), np.diff(tables.cut_ends)), 0, tables.cut_weights)
@@ -276,59 +223,42 @@ def _wrapped(
     places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int], reach: int
 ) -> np.ndarray:
     """Margins of the box that repeat what lies across periodic axes, as `Filter.copies`."""
-    found = [np.zeros((3, 0), np.int64)]
+    copies = [np.zeros((3, 0), np.int64)]
     for axis in layout.periodic:
         count, margin = layout.core[axis], pads[axis]
-        at = places // step[axis] % extent[axis]
-        lines = places[at == margin] - margin * step[axis]
+        index = places // step[axis] % extent[axis]
+        lines = places[index == margin] - margin * step[axis]
         beyond = np.concatenate([margin - reach + np.arange(reach), margin + count + np.arange(reach)])
         inside = margin + (beyond - margin) % count
         to, source = (np.add.outer(a * step[axis], lines).ravel() for a in (beyond, inside))
-        found.append(np.array([to, source, np.ones_like(to)]))
-    return np.concatenate(found, axis=1)
+        copies.append(np.array([to, source, np.ones_like(to)]))
+    return np.concatenate(copies, axis=1)
 
 
 def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int, int], int]) -> Filter:
     """The same filter, which beyond some sides meets mirror images of what lies before them: a wave along a side that
     is free, or that is held, ends there and is no short wave.
 
-    Parameters
-    ----------
-    tables : Filter
-    layout : Layout
-    images : mapping of (axis, side) to int
-        1 beyond a free side, whose mirror is half a node beyond the last one; -1 beyond one that holds the nodes beyond
-        it at zero, the first of which is the mirror.
+    `images` is 1 beyond a free side, whose mirror is half a node beyond the last one, and -1 beyond one that holds the
+    nodes beyond it at zero, the first of which is the mirror.
     """
     pads, extent, step = _extents(layout, tables.taps)
     places = np.repeat(tables.runs[:, 0], tables.runs[:, 3]) + _numbers_in(tables.runs[:, 3])
-    found = [tables.copies]
+    copies = [tables.copies]
     for axis in sorted({axis for axis, _ in images}):
-        n, at = layout.box.nodes[axis], places // step[axis] % extent[axis] - pads[axis]
+        n, index = layout.box.nodes[axis], places // step[axis] % extent[axis] - pads[axis]
         low, high, far = images.get((axis, -1), 0), images.get((axis, 1), 0), len(tables.taps) - 1
         for beyond in (*range(-far, 0), *range(n, n + far)):
             source, sign = _image(beyond, n, low, high)
-            here = places[at == source] if sign else places[:0]
-            found.append(np.array([here + (beyond - source) * step[axis], here, np.full(here.size, sign)]))
-    return tables._replace(copies=np.concatenate(found, axis=1))
+            here = places[index == source] if sign else places[:0]
+            copies.append(np.array([here + (beyond - source) * step[axis], here, np.full(here.size, sign)]))
+    return tables._replace(copies=np.concatenate(copies, axis=1))
 
 
 def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarray) -> Iterator[np.ndarray]:
-    """Where lines of the filter's box end: for each of its axes, after which places.
-
-    Parameters
-    ----------
-    tables : Filter
-    layout : Layout
-    ends : ndarray of int, shape (2, n)
-        Places in a level of both ends of absent bonds.
-    exists : ndarray of bool, shape (places,)
-        Where nodes are.
-
-    Yields
-    ------
-    ndarray, shape (places of the box,)
-        `_CUT` where the line is cut, or ends freely, and `_HELD` at a side that holds the next node; else 0.
+    """Where lines of the filter's box end: for each of its axes, by place of the box, `_CUT` after places where the
+    line is cut, or ends freely, `_HELD` at a side that holds the next node, else 0. `ends`, shape (2, n), are the
+    places in a level of both ends of absent bonds, and `exists` says where nodes are.
     """
     box, (pads, _, step), strides = layout.box, _extents(layout, tables.taps), np.array(layout.box.stride)
     halo = np.array(layout.reach)
@@ -341,10 +271,10 @@ def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarr
             # the outer end of a layer, beyond which there are no nodes, is no cut
             along = [np.arange(n) for n in box.nodes]
             along[axis] = np.arange(-int(layout.low[axis] == 0), box.nodes[axis] + int(layout.high[axis] == 0))
-            parts = [one * stride for one, stride in zip(along, strides, strict=True)]
-            there = exists[box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])]
-            found = np.array(np.nonzero(np.diff(there, axis=axis)))
-            at = np.concatenate([at, found + np.array([one[0] for one in along])[:, None]], axis=1)
+            parts = [indices * stride for indices, stride in zip(along, strides, strict=True)]
+            nodes = exists[box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])]
+            rims = np.array(np.nonzero(np.diff(nodes, axis=axis)))
+            at = np.concatenate([at, rims + np.array([indices[0] for indices in along])[:, None]], axis=1)
         cut = np.zeros_like(tables.box)
         cut[step @ (at + np.array(pads)[:, None])] = _CUT
         # the first image beyond a side that holds lies two nodes from what it repeats
@@ -358,10 +288,10 @@ def cut_filter(tables: Filter, ends: Sequence[np.ndarray]) -> Filter:
     margins included, they do; see `cut_links`.
     """
     far, (sources, signs) = len(tables.taps) - 1, _repeated(tables)
-    run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
-    places, levels = run[:, 0] + within, run[:, 1] + within
-    strengths = tables.strengths[run[:, 2] + within]
-    found: list[tuple[np.ndarray, ...]] = [(np.zeros(0, np.int64),) * 2 + (np.zeros(0),)]
+    run, number = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
+    places, levels = run[:, 0] + number, run[:, 1] + number
+    strengths = tables.strengths[run[:, 2] + number]
+    entries: list[tuple[np.ndarray, ...]] = [(np.zeros(0, np.int64),) * 2 + (np.zeros(0),)]
     for link, step in zip(ends, tables.steps, strict=True):
         if not (link == _CUT).any():
             continue
@@ -374,13 +304,13 @@ def cut_filter(tables: Filter, ends: Sequence[np.ndarray]) -> Filter:
         places_of, ahead, behind = places[row], ahead[row], behind[row]
         held = link[places_of + ahead * step] == _HELD, link[places_of - (behind + 1) * step] == _HELD
         for j in (*range(-far, 0), *range(1, far + 1)):
-            at, sign = _reflected(j, (ahead, behind), held, far)
-            met, wanted = places_of + j * step, places_of + at * step
-            other = (sources[met] != sources[wanted]) | (signs[met] != sign * signs[wanted])
-            for these, amount in ((wanted, sign), (met, -np.ones_like(sign))):
+            distance, sign = _reflected(j, (ahead, behind), held, far)
+            met, image = places_of + j * step, places_of + distance * step
+            differs = (sources[met] != sources[image]) | (signs[met] != sign * signs[image])
+            for source, amount in ((image, sign), (met, -np.ones_like(sign))):
                 weight = amount * tables.taps[abs(j)] * strengths[row]
-                found.append((row[other], these[other], weight[other]))
-    rows, of_box, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+                entries.append((row[differs], source[differs], weight[differs]))
+    rows, of_box, weights = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     order = np.argsort(rows, kind="stable")
     nodes, first = np.unique(rows[order], return_index=True)
     return tables._replace(
@@ -426,15 +356,15 @@ def _image(place: int, n: int, low: int, high: int) -> tuple[int, int]:
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def met_by_others(thread, runs, own, far):
+def met_by_others(thread, runs, chunk, far):
     """End of the first and beginning of the last of a thread's pieces that the filter meets from those of other
     threads.
     """
-    lead, tail = own
+    lead, tail = chunk
     if thread.threads > 1:
-        while lead < own[1] and runs[lead, 0] <= runs[own[0], 0] + far:
+        while lead < chunk[1] and runs[lead, 0] <= runs[chunk[0], 0] + far:
             lead += 1
-        while tail > lead and runs[tail - 1, 0] >= runs[own[1] - 1, 0] - far:
+        while tail > lead and runs[tail - 1, 0] >= runs[chunk[1] - 1, 0] - far:
             tail -= 1
     return lead, tail
 
@@ -455,7 +385,7 @@ def weigh_pieces(runs, first, last, arrays, subtracted):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def damp_short_waves(thread, stage, tables):
-    """Filter the increments of a step, ``out - src`` or `base`, or both levels; one thread's share."""
+    """Filter the increments of a step, ``out - src`` or `base`, or both levels; one thread's chunk."""
     # Each kind of row is called here once: it is long machine code, compiled again in every function that calls it.
     taps, steps, box, runs, copies = tables.taps, tables.steps, tables.box, tables.runs, tables.copies
     like = stage.out[0]
@@ -465,11 +395,11 @@ def damp_short_waves(thread, stage, tables):
     places, weights, filtered = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data
     passes = 2 if tables.whole else 1
     subtracted = stage.out.dtype.type(0 if tables.whole else 1)
-    own = chunk_of(thread, runs.shape[0])
+    chunk = chunk_of(thread, runs.shape[0])
     # Pieces are weighed when they are needed, so that their values are still in the cache when they are filtered; those
     # that other threads meet come first, or all where the box has copies or is filtered in blocks.
     far = steps[0] * (taps.size - 1) + _PIECE
-    lead, tail = met_by_others(thread, runs, own, far)
+    lead, tail = met_by_others(thread, runs, chunk, far)
     if (
         tables.blocked
         or copies.shape[1]
@@ -482,8 +412,8 @@ def damp_short_waves(thread, stage, tables):
         shift = turn // passes * apart
         level = (past if turn % passes else out) + shift
         arrays = places, level, src + shift, weights, size
-        weigh_pieces(runs, own[0], lead, arrays, subtracted)
-        weigh_pieces(runs, tail, own[1], arrays, subtracted)
+        weigh_pieces(runs, chunk[0], lead, arrays, subtracted)
+        weigh_pieces(runs, tail, chunk[1], arrays, subtracted)
         barrier(thread)
         if copies.shape[1]:
             for i in range(thread.number, copies.shape[1], thread.threads):
@@ -498,16 +428,18 @@ def damp_short_waves(thread, stage, tables):
                 barrier(thread)
         # What is taken leaves the level and, where they are stored, the increments.
         older, weighed = base + shift - level if stage.increments and not tables.whole else 0, lead
-        for piece in range(own[0], own[1], TOGETHER):
-            number, first = min(TOGETHER, own[1] - piece), weighed
+        for piece in range(chunk[0], chunk[1], TOGETHER):
+            number, first = min(TOGETHER, chunk[1] - piece), weighed
             while weighed < tail and runs[weighed, 0] <= runs[piece + number - 1, 0] + far:
                 weighed += 1
             weigh_pieces(runs, first, weighed, arrays, subtracted)
             if older != 0:
-                for i in range(piece + _AHEAD, min(piece + _AHEAD + TOGETHER, own[1])):
+                for i in range(piece + _AHEAD, min(piece + _AHEAD + TOGETHER, chunk[1])):
                     fetch(level + older + runs[i, 1] * size)
-            there = runs.ctypes.data + piece * runs.strides[0]
-            take_passed(there, number, (places, weights, level), steps.ctypes.data, steps.size, filtered, older, like)
+            of_piece = runs.ctypes.data + piece * runs.strides[0]
+            take_passed(
+                of_piece, number, (places, weights, level), steps.ctypes.data, steps.size, filtered, older, like
+            )
         barrier(thread)
         if tables.cut_nodes.size:
             for i in range(thread.number, tables.cut_nodes.size, thread.threads):

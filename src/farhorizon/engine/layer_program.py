@@ -1,4 +1,4 @@
-"""The operations of the time loop on layers, see `engine.nested`.
+"""The operations of the time loop on layers, see `engine.layers`.
 
 Like those of `engine.program` they are compiled when a run first needs them; so are the functions that they call by
 address (`tables.Sums`), which not all runs need: for edges, bonds with coefficients, and absent bonds.
@@ -11,7 +11,7 @@ of shifts, what edges add, parts of an edge, and factors of bonds.
 import numpy as np
 
 from farhorizon.engine.bonds import bond_factor
-from farhorizon.engine.nested import (
+from farhorizon.engine.layers import (
     AXIS,
     BAND_MEMORY,
     BASE,
@@ -62,8 +62,8 @@ from farhorizon.engine.nested import (
 from farhorizon.engine.rows.calls import call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.layer_sums import call_bands, call_crossing, call_mirrored
-from farhorizon.engine.rows.shifts import call_shifts
-from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, clear, fetch, turn
+from farhorizon.engine.rows.runs import TURNED, add_lines, clear, fetch, turn
+from farhorizon.engine.rows.shifts import call_parts, call_shifts
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, chunk_of
 
@@ -120,9 +120,9 @@ def weigh_bonds(sums, worker, span, node, count):
     layers, material, work = sums.layers, sums.liquid, sums.work_space[worker]
     coefficient, rule, first = material.coefficient, material.rule, layers.sizes[10] * LINES
     for number in range(layers.spans[span], layers.spans[span + 1]):
-        place, other = first + (number - layers.spans[span]) * LINES, node + layers.neighbours[number]
+        place, neighbour = first + (number - layers.spans[span]) * LINES, node + layers.neighbours[number]
         for i in range(count):
-            work[place + i] = bond_factor(rule, coefficient[node + i], coefficient[other + i])
+            work[place + i] = bond_factor(rule, coefficient[node + i], coefficient[neighbour + i])
         work[place + count : place + LINES] = 0
     return address(work) + first * work.itemsize
 
@@ -143,14 +143,14 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
     # the next on.
     first, zero = (band[ORIGIN] - m, start + m * row) if ahead > 0 else (band[ORIGIN] - columns, start + columns * row)
     middle = (m - 1 if ahead > 0 else columns) * m * row
-    found, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
+    shifted, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
     stretch = stretch_of(layers, band[PROFILE])
     apart, cells, cell = src.size // components, (2 * columns + 1) * m, layers.cell * group
-    clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
+    clear(shifted + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
-        clear(found + far, width * m * LINES, like)
-    own, dithered = chunk_of(thread, components * groups), dither(inputs.before + step)
-    for item in range(own[0], own[1]):
+        clear(shifted + far, width * m * LINES, like)
+    chunk, dithered = chunk_of(thread, components * groups), dither(inputs.before + step)
+    for item in range(chunk[0], chunk[1]):
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
         at = address(src) + (c * apart + first + x * band[PLANE] + y * band[ROW]) * size
@@ -170,22 +170,22 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
                     like,
                 )
         if sets == 2:
-            clear(found + far, (columns + m) * m * LINES, like)
+            clear(shifted + far, (columns + m) * m * LINES, like)
         fetch_lines(memo + group * cells * layers.cell, group * cells * layers.cell)
         line, inwards = (zero, sign * row, 0), memo + (columns + 1) * m * cell
-        on, back = (found + middle, sign * m * row, row), (found + far + middle, sign * m * row, row)
+        on, back = (shifted + middle, sign * m * row, row), (shifted + far + middle, sign * m * row, row)
         call_shifts(band[OUTWARDS], line, on, (memo, cell, dithered), stretch, columns, vectors)
         call_shifts(band[INWARDS], line, back, (inwards, cell, dithered), stretch, columns, vectors)
         for k in range(m * sets):
-            here = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
-            source = found + (k // m) * far + k % m * row
+            slot = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
+            source = shifted + (k // m) * far + k % m * row
             for i in range(0, count, TURNED):
                 for column in range(0, width, TURNED):
                     turn(
                         source + column * m * row + i * size,
                         m * row,
                         TURNED - 1,
-                        address(slots) + (here + i * width + column) * size,
+                        address(slots) + (slot + i * width + column) * size,
                         width * size,
                         min(count - i, TURNED) - 1,
                         like,
@@ -228,8 +228,8 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
         # threads, as rounding depends on it.
         several = LINES // width if width <= LINES and not varied else 1
         each = (sizes[1] + several - 1) // several
-        own = chunk_of(thread, sizes[0] * each)
-        for group in range(own[0], own[1]):
+        chunk = chunk_of(thread, sizes[0] * each)
+        for group in range(chunk[0], chunk[1]):
             x, y = group // each, group % each * several
             together = min(several, sizes[1] - y)
             node, slot = place_in_band(layers, t, x, y)
@@ -239,8 +239,8 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
                 fetch(news + (node + i * band[ROW]) * size)
                 fetch(news + (node + i * band[ROW] + count - 1) * size)
             for c in range(stage.rows):
-                source, there = (to, factors), extra + slot * size  # there are no terms in the level
-                weigh(layers, band[PARTS], sizes[4] + c, source, there, side, to, 0, vectors, 1)
+                source = to, factors  # there are no terms in the level
+                weigh(layers, band[PARTS], sizes[4] + c, source, extra + slot * size, side, to, 0, vectors, 1)
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
                     add_lines(to + i * width * size, news + place, scale, count)
@@ -268,14 +268,14 @@ def add_mirrored_bands(thread, stage, sums, tables, inputs, step, number):
     function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
     work[0] = stage.scale * layers.unit
     pieces = (lines + _TOGETHER - 1) // _TOGETHER
-    own = chunk_of(thread, planes * pieces)
+    chunk = chunk_of(thread, planes * pieces)
     for t in range(layers.tiles.shape[0]):
         side = layers.tiles[t, TILE_BAND]
         if side < 0:
             continue
         apiece, shift, ahead, behind = slot_steps(layers, side, size)
         row, line = layers.bands[side, ROW] * size, layers.bands[side, WIDTH] * size
-        for piece in range(own[0], own[1]):
+        for piece in range(chunk[0], chunk[1]):
             x, y = piece // pieces, piece % pieces * _TOGETHER
             node, slot = place_in_band(layers, t, x, y)
             here = extra + slot * size
@@ -291,17 +291,18 @@ def add_mirrored_bands(thread, stage, sums, tables, inputs, step, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def take_bond(sums, src, work, to, weight, at, near, far, there):
+def take_bond(sums, src, work, to, weight, at, distances):
     """Subtract an absent bond from a number of the work space. `at` holds its node and its place in the slots, or -1;
-    `near`, `far` and `there` are the distances to the neighbour, to its slot, if any, and to its coefficient.
+    `distances` are those to the neighbour, to its slot, if any, and to its coefficient.
     """
+    near, far, to_coefficient = distances
     node, slot = at
     material = sums.liquid
     value = src[node + near]
     if slot >= 0 and far != NO_SLOT:
         value += sums.layers.slots[slot + far]
     if material.coefficient.size > 1:
-        weight *= bond_factor(material.rule, material.coefficient[node], material.coefficient[node + there])
+        weight *= bond_factor(material.rule, material.coefficient[node], material.coefficient[node + to_coefficient])
     work[to] -= weight * value
 
 
@@ -312,11 +313,11 @@ def take_edge_cuts(sums, src, work, cuts, which, node, slot, band, parts):
     """
     layers = sums.layers
     for i in range(layers.edge_cut_ranges[cuts], layers.edge_cut_ranges[cuts + 1]):
-        place, own, a, inward, k, near, far, there = layers.edge_cuts[i]
-        if own != which[0] or a != which[1] or inward != which[2] or k < -which[3] - 1:
+        place, number, a, inward, k, near, far, to_coefficient = layers.edge_cuts[i]
+        if number != which[0] or a != which[1] or inward != which[2] or k < -which[3] - 1:
             continue
         to, at = (parts + k) * LINES + place, (node + place, slot + place if band >= 0 else -1)
-        take_bond(sums, src, work, to, layers.edge_cut_weights[i], at, near, far, there)
+        take_bond(sums, src, work, to, layers.edge_cut_weights[i], at, (near, far, to_coefficient))
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -324,8 +325,8 @@ def edge_parts(face, other):
     """Numbers of rows of work space for the parts of an edge: of a component, of a set, and of one direction along the
     second axis. The latter are ordered by its column, from -reach on, then by k - 1.
     """
-    one = (other[COLUMNS] + other[REACH] + 1) * other[REACH]
-    return face[SETS] * other[SETS] * one, other[SETS] * one, one
+    of_inward = (other[COLUMNS] + other[REACH] + 1) * other[REACH]
+    return face[SETS] * other[SETS] * of_inward, other[SETS] * of_inward, of_inward
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -365,23 +366,23 @@ def sum_edge(stage, sums, worker, number, t, a, p, factors):
         node = corner + p * face[STEP] + q * other[STEP]
         slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
         place = sizes[11] + (q + n) * n
-        here, there = address(stage.src) + node * size, address(layers.slots) + slot * size
+        source, slots = address(stage.src) + node * size, address(layers.slots) + slot * size
         mirrored = not varied and layers.mirrored[3 + a, 0, 0] != 0
         if mirrored:
-            sum_crossings(stage, sums, start + (place + first) * row, a, steps, here, there, band, vectors)
+            sum_crossings(stage, sums, start + (place + first) * row, a, steps, source, slots, band, vectors)
         for c in range(0 if mirrored and layers.edge_cuts.shape[0] == 0 else rows):
             cuts = (number * rows + c) * layers.tiles.shape[0] + t
-            for own in range(0 if p >= 0 else sets - 1, sets):
-                sum_number = edge[EDGE_SUMS] + ((c * sets + own) * m + a) * inwards
+            for which in range(0 if p >= 0 else sets - 1, sets):
+                sum_number = edge[EDGE_SUMS] + ((c * sets + which) * m + a) * inwards
                 for inward in range(0 if q >= 0 else inwards - 1, inwards):
-                    to, source = place + c * of_row + own * of_set + inward * of_inward, (here, factors)
+                    to = place + c * of_row + which * of_set + inward * of_inward
                     if not mirrored:
                         weigh(
                             layers,
                             kind[KIND_PARTS],
                             sum_number + inward,
-                            source,
-                            there,
+                            (source, factors),
+                            slots,
                             band,
                             start + to * row,
                             row,
@@ -389,13 +390,12 @@ def sum_edge(stage, sums, worker, number, t, a, p, factors):
                             max(1, -q),
                         )
                     if layers.edge_cuts.shape[0]:
-                        take_edge_cuts(sums, stage.src, work, cuts, (own, a, inward, q), node, slot, band, to)
+                        take_edge_cuts(sums, stage.src, work, cuts, (which, a, inward, q), node, slot, band, to)
 
 
 def stretch_edge(stage, sums, worker, number, t, dithered):
-    """Compute what the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile.
-
-    This goes into the row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second
+    """Compute what the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile,
+    into the row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second
     of the work space for it, both counted from -reach.
     """
     layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
@@ -414,20 +414,20 @@ def stretch_edge(stage, sums, worker, number, t, dithered):
         for p in range(-a - 1, face[COLUMNS] + 1 if most > 0 else -a - 1):
             sum_edge(stage, sums, worker, number, t, a, p, factors)
             for part in range(stage.rows * sets):
-                c, own = part // sets, part % sets
-                kind = layers.kinds[kinds + own * m]
+                c, which = part // sets, part % sets
+                kind = layers.kinds[kinds + which * m]
                 if p < kind[KIND_FIRST]:
                     continue
                 past = (kind[KIND_CELLS] + (p - kind[KIND_FIRST]) * (2 * columns + 1) * most) * cell
                 of_part = layers.cell * (edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS])
                 memo = address(layers.memory) + of_part + past
-                to = (stage.rows + 2) * sizes[5] + c * sizes[9] + ((own * m + a) * wide + p + m) * high
-                zero, found = start + (sizes[11] + c * of_row + own * of_set + n * n) * row, start + to * row
+                to = (stage.rows + 2) * sizes[5] + c * sizes[9] + ((which * m + a) * wide + p + m) * high
+                zero, result = start + (sizes[11] + c * of_row + which * of_set + n * n) * row, start + to * row
                 outer, inner = (zero, n * row, row), (zero + (of_set - of_inward) * row, n * row, row)
-                total, back = (found + n * row, row, row), memo + (columns + 1) * most * cell
+                total, back = (result + n * row, row, row), memo + (columns + 1) * most * cell
                 call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell, dithered), stretch, columns, vectors)
                 call_shifts(kind[KIND_INWARDS], inner, total, (back, cell, dithered), stretch, columns, vectors)
-                clear(found + row, (n - most) * LINES, work[0])
+                clear(result + row, (n - most) * LINES, work[0])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -437,13 +437,13 @@ def add_edge(stage, sums, worker, number, row, part, p, here):
     """
     layers, work, sizes, item = sums.layers, sums.work_space[worker], sums.layers.sizes, sums.layers.items[number]
     face, edge, vectors = layers.faces[item[0]], layers.edges[item[4]], layers.tiles[item[3], TILE_VECTORS]
-    other, m, c, own = layers.faces[edge[EDGE_OTHER]], face[REACH], part // face[SETS], part % face[SETS]
+    other, m, c, which = layers.faces[edge[EDGE_OTHER]], face[REACH], part // face[SETS], part % face[SETS]
     start, wide, lanes = address(work), LINES * work.itemsize, vectors * 64 // work.itemsize
     corner, side = (other[ORIGIN] - sizes[8]) // abs(other[STEP]), 1 if other[STEP] > 0 else -1
     first = (stage.rows + 2) * sizes[5] + c * sizes[9] + (row - corner) * side + other[REACH]
     for k in range(max(0, -p - 1), m):
         if layers.kinds[edge[EDGE_KINDS] + k, KIND_REACH] > 0:
-            column = (own * m + k) * (face[COLUMNS] + m + 1) + p + m
+            column = (which * m + k) * (face[COLUMNS] + m + 1) + p + m
             far = first + column * (other[COLUMNS] + other[REACH] + 1)
             add_lines(start + far * wide, start + (here + k) * wide, work.dtype.type(1), lanes)
 
@@ -472,7 +472,7 @@ def sum_row(stage, sums, worker, number, row, coming):
     across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
     first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
     factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
-    whole = mirrored and item[4] < 0 and layers.cuts.shape[0] == 0
+    complete = mirrored and item[4] < 0 and layers.cuts.shape[0] == 0
     for p in range(-m, columns + 1):
         node, to = first + p * face[STEP], (p + m) * m
         slot = line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width
@@ -493,11 +493,11 @@ def sum_row(stage, sums, worker, number, row, coming):
                     fetch_lines(here + k * step + (m + 1) * slots_across, width * size)
                 strides = (slots_across, slots_across, shift, step)
                 call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
-        for part in range(0 if whole else rows * sets):
-            c, own = part // sets, part % sets
-            if p < 0 and own < sets - 1:
+        for part in range(0 if complete else rows * sets):
+            c, which = part // sets, part % sets
+            if p < 0 and which < sets - 1:
                 continue
-            here = c * sizes[5] + own * half + to
+            here = c * sizes[5] + which * half + to
             if not mirrored:
                 weigh(
                     layers,
@@ -515,7 +515,7 @@ def sum_row(stage, sums, worker, number, row, coming):
                 add_edge(stage, sums, worker, number, row, part, p, here)
             if layers.cuts.shape[0]:
                 cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
-                call_with(sums.called[ABSENT], stage, sums, (worker, cuts, own, p, node, slot, band, here))
+                call_with(sums.called[ABSENT], stage, sums, (worker, cuts, which, p, node, slot, band, here))
 
 
 def stretch_face(stage, sums, worker, number, dithered):
@@ -527,7 +527,7 @@ def stretch_face(stage, sums, worker, number, dithered):
     face, tile = layers.faces[item[0]], layers.tiles[item[3]]
     columns, m, count, vectors = face[COLUMNS], face[REACH], tile[TILE_COUNT], tile[TILE_VECTORS]
     wide, start, memory = LINES * size, address(work), address(layers.memory)
-    back, found = (face[SETS] - 1) * (sizes[5] // 2) * wide, start + ((rows + 1) * sizes[5] + m) * wide
+    back, result = (face[SETS] - 1) * (sizes[5] // 2) * wide, start + ((rows + 1) * sizes[5] + m) * wide
     stretch, apart, cells = stretch_of(layers, face[PROFILE]), stage.src.size // stage.components, (2 * columns + 1) * m
     cell = layers.cell * (vectors * 64 // size)
     if item[4] >= 0:
@@ -539,26 +539,26 @@ def stretch_face(stage, sums, worker, number, dithered):
         sum_row(stage, sums, worker, number, row, of_first + (of_row if face[ROWS] > 1 else cells * cell))
         for c in range(rows):
             memo, zero = of_first + c * face[ROWS] * of_row, start + (c * sizes[5] + m * m) * wide
-            outer, inner, total = (zero, m * wide, wide), (zero + back, m * wide, wide), (found, wide, wide)
+            outer, inner, total = (zero, m * wide, wide), (zero + back, m * wide, wide), (result, wide, wide)
             inwards = memo + (columns + 1) * m * cell
             call_shifts(face[OUTWARDS], outer, total, (memo, cell, dithered), stretch, columns, vectors)
             call_shifts(face[INWARDS], inner, total, (inwards, cell, dithered), stretch, columns, vectors)
             for p in range(1 - m, columns + 1):
                 place = (first + p * face[STEP] + c * apart) * size
-                add_lines(found + p * wide, address(stage.out) + place, scale, count)
+                add_lines(result + p * wide, address(stage.out) + place, scale, count)
                 if stage.increments:
-                    add_lines(found + p * wide, address(stage.base) + place, scale, count)
+                    add_lines(result + p * wide, address(stage.base) + place, scale, count)
 
 
-def take_cuts(stage, sums, worker, cuts, own, p, node, slot, band, parts):
+def take_cuts(stage, sums, worker, cuts, which, p, node, slot, band, parts):
     """Subtract the absent bonds of a row of a face from the parts on one column."""
     layers, src, work = sums.layers, stage.src, sums.work_space[worker]
     for i in range(layers.cut_ranges[cuts], layers.cut_ranges[cuts + 1]):
-        place, which, k, near, far, there = layers.cuts[i]
-        if which != own or k < -p - 1:
+        place, number, k, near, far, to_coefficient = layers.cuts[i]
+        if number != which or k < -p - 1:
             continue
         to, at = (parts + k) * LINES + place, (node + place, slot + place if band >= 0 else -1)
-        take_bond(sums, src, work, to, layers.cut_weights[i], at, near, far, there)
+        take_bond(sums, src, work, to, layers.cut_weights[i], at, (near, far, to_coefficient))
 
 
 def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
@@ -567,10 +567,10 @@ def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
         layers, material = sums.layers, sums.liquid
         coefficient, slots, scale = material.coefficient, layers.slots, stage.scale * layers.unit
         for i in range(layers.band_cuts.shape[0]):
-            side, node, slot, here, there = layers.band_cuts[i]
+            side, node, slot, c_node, c_neighbour = layers.band_cuts[i]
             w = scale * layers.band_cut_weights[i]
             if coefficient.size > 1:
-                w *= bond_factor(material.rule, coefficient[here], coefficient[there])
+                w *= bond_factor(material.rule, coefficient[c_node], coefficient[c_neighbour])
             for p in range(layers.bands[side, COLUMNS] + layers.bands[side, REACH]):
                 stage.out[node + p] -= w * slots[slot + p]
                 if stage.increments:

@@ -1,15 +1,17 @@
-"""Builds the tables of the layers of a box: where faces, edges and bands lie, and the pieces of work."""
+"""Builds the tables of the layers of a box: where faces, edges and bands lie, the terms of a stencil that they sum, and
+the pieces of work.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.layer_terms import Slots, Terms
-from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned, aligned_zeros
-from farhorizon.engine.nested import (
+from farhorizon.engine.layers import (
     ACROSS,
     AXIS,
     BAND_MEMORY,
@@ -38,68 +40,149 @@ from farhorizon.engine.nested import (
     WIDTH,
     Layers,
 )
-from farhorizon.engine.rows.build import load_bands, load_crossing, load_parts, load_shifts
-from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
+from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned, aligned_zeros, with_defaults
+from farhorizon.engine.rows.build import load_rows
+from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirror_stencil, mirrored
 from farhorizon.engine.rows.matrices import Signs
-from farhorizon.engine.rows.vectors import TURNED
+from farhorizon.engine.rows.runs import TURNED
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Where the slots of bands lie: for each component and each distance along the last axis one line beside every line
+    of nodes, those of the halo included.
+    """
+
+    layout: Layout
+    sets: int  # 1 if the values for neighbours ahead and behind are added up, 2 if both have slots
+    bands: np.ndarray  # see `layers.Layers`
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Distances in lines between neighbours along the first two axes."""
+        return self.layout.box.nodes[1] + 2 * self.layout.reach[1], 1
+
+    @property
+    def first(self) -> int:
+        """Number of the line of the first node."""
+        return self.layout.reach[0] * self.grid[0] + self.layout.reach[1]
+
+    @property
+    def lines(self) -> int:
+        """Number of lines for one component and distance."""
+        return (self.layout.box.nodes[0] + 2 * self.layout.reach[0]) * self.grid[0]
+
+    def place(self, number: int, component: int, offset: Sequence[int]) -> int | None:
+        """Place of the slots of a band that serve an offset, counted from the line of a node; None if none do, as for
+        one of two mirror images, which are added up.
+        """
+        ahead, reach = int(offset[2]), self.layout.reach[2]
+        if not self.bands[number, COLUMNS] or ahead == 0 or (self.sets == 1 and ahead < 0):
+            return None
+        inwards = self.sets == 2 and ahead * int(self.bands[number, STEP]) < 0
+        distance = (component * self.sets + inwards) * reach + abs(ahead) - 1
+        line = distance * self.lines + offset[0] * self.grid[0] + offset[1] * self.grid[1]
+        return int(line * self.bands[number, WIDTH])
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Sums over the terms of a stencil, one after the other: rows of the tables of the same names in `layers.Layers`,
+    where `values` are called `weights`.
+    """
+
+    layout: Layout
+    offsets: np.ndarray  # shape (K, 3)
+    weights: np.ndarray  # shape (K, rows, columns)
+    itemsize: int  # bytes of a number of the field
+    slots: Slots
+    ends: list[list[int]] = field(default_factory=list)
+    places: list[int] = field(default_factory=list)
+    factors: list[int] = field(default_factory=list)
+    values: list[np.ndarray] = field(default_factory=list)
+    # for the axes along which sums run, the distances to neighbours along them and the numbers of these
+    neighbours: dict[tuple[int, ...], dict[int, int]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Number of sums so far."""
+        return len(self.ends) // 3
+
+    def add(self, row: int, fixed: Sequence[Mapping[int, int]], across: Sequence[int]) -> None:
+        """Add sums for one component of the result, each with `fixed` offsets along some axes, over terms at all
+        offsets along the axes `across`; without fixed offsets, only those over the slots of bands.
+        """
+        stride, numbers = self.layout.box.stride, self.neighbours.setdefault(tuple(across), {})
+        for band in (None, 0, 1):
+            terms: dict[tuple[int, int], np.ndarray] = {}
+            for k, offset_along in enumerate(fixed):
+                chosen = np.ones(len(self.offsets), bool)
+                for axis, value in offset_along.items():
+                    chosen &= self.offsets[:, axis] == value
+                for offset, matrix in zip(self.offsets[chosen].tolist(), self.weights[chosen], strict=True):
+                    distance = sum(offset[a] * stride[a] for a in across)  # to the coefficient
+                    line = [offset[a] if a in across or a == 2 else 0 for a in range(3)]
+                    for column in np.flatnonzero(matrix[row]).tolist() if band is not None or offset_along else ():
+                        place = (
+                            distance + column * self.layout.size
+                            if band is None
+                            else self.slots.place(band, column, line)
+                        )
+                        if place is not None:
+                            weights = terms.setdefault((place, distance), np.zeros(max(self.layout.reach)))
+                            weights[k] += matrix[row, column]
+            self._append(terms, len(fixed), numbers)
+
+    def _append(self, terms: dict[tuple[int, int], np.ndarray], sums: int, numbers: dict[int, int]) -> None:
+        """Append terms in groups: those that the last sum has, then those that the last but one has, and so on."""
+        first = len(self.places)
+        used = {key: int(np.flatnonzero(w)[-1]) + 1 for key, w in terms.items()}
+        for key in sorted(terms, key=lambda key: (-used[key], key)):
+            self.places.append(key[0] * self.itemsize)
+            self.factors.append(numbers.setdefault(key[1], len(numbers)) * LINES * self.itemsize)
+            self.values.append(terms[key])
+        last = [first + sum(n >= k for n in used.values()) for k in range(sums, 0, -1)]
+        self.ends.append([first, *last, *[0] * (max(self.layout.reach) - sums)])
+
+
+class LayerSetup(NamedTuple):
+    """What the layers of all passes of an engine have in common."""
+
+    layout: Layout
+    offsets: np.ndarray  # of the stencil, shape (K, 3)
+    recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]  # r, e and f by (axis, side), shapes (columns + 1,)
+    dtype: np.dtype  # of the field
+    kept: np.dtype  # of what the layers remember
+    remember: bool  # whether they have memory
+    stages: int = 1  # of a step, each of which has a memory of its own
 
 
 class LayerTables:
-    """Builds the tables of the layers of a box.
-
-    Parameters
-    ----------
-    layout : Layout
-    offsets, weights : ndarray, shapes (K, 3) and (K, rows, columns)
-        The stencil, from a field of `columns` components to one of `rows` components.
-    inside, outside : tuple of (int, int, int)
-        Signs of their components in mirrors, see `rows.matrices`.
-    recursion : mapping of (axis, side) to (r, e, f)
-        The recursion of each layer, three arrays of shape (columns + 1,).
-    dtype, kept : dtype
-        Of the field, and of what the layers remember.
-    remember, alike : bool
-        Whether the layers have memory, and whether no bonds have coefficients.
-    stages : int
-        Stages of a step, each of which has a memory of its own: what the layers continue differs from one to the next.
-
-    Attributes
-    ----------
-    layers : Layers
-        With all bonds; see `layer_cuts`.
-    slots : Slots
-    scratch : int
-        Numbers in the work space of each thread.
-    start : int
-        Where the layers' memory begins in that of the engine.
+    """Builds the tables of the layers of a pass from a field of `columns` components to one of `rows` components, whose
+    signs in mirrors are `inside` and `outside`; `weights` has the shape (K, rows, columns). Bonds have coefficients
+    unless they are `alike`.
     """
 
+    layers: Layers  # with all bonds; see `layer_passes.cut_layers`
+    slots: Slots
+    scratch: int  # numbers in the work space of each thread
+    start: int  # where the layers' memory begins in that of the engine
+
     def __init__(
-        self,
-        layout: Layout,
-        offsets: np.ndarray,
-        weights: np.ndarray,
-        inside: Signs,
-        outside: Signs,
-        recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
-        dtype: np.dtype,
-        kept: np.dtype,
-        remember: bool,
-        alike: bool = True,
-        stages: int = 1,
+        self, setup: LayerSetup, weights: np.ndarray, inside: Signs, outside: Signs, alike: bool = True
     ) -> None:
         # so that parts and their memory are of the field's magnitude, in all units
         self.unit = float(np.abs(weights).sum()) or 1.0
-        self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
-        self.alike, self.stages = alike, stages
-        self.dtype, self.kept = dtype, kept
-        self.lanes, self.signs = 64 // dtype.itemsize, (inside, outside)
+        self.layout, self.offsets, self.weights = setup.layout, setup.offsets, weights / self.unit
+        self.dtype, self.kept, self.remember, self.alike = setup.dtype, setup.kept, setup.remember, alike
+        self.stages = setup.stages
+        self.lanes, self.signs = 64 // self.dtype.itemsize, (inside, outside)
         self.columns, self.rows = len(inside), len(outside)
-        self._profiles = {name: i for i, name in enumerate(recursion)}
+        self._profiles = {name: i for i, name in enumerate(setup.recursion)}
         self.even = [self._mirrors(axis) for axis in range(3)]
         self.sets = [1 if even else 2 for even in self.even]  # whether parts outwards and inwards are equal
         room = self._place()
-        self.layers = self._layers(recursion, room)
+        self.layers = self._layers(setup.recursion, room)
 
     def _place(self) -> int:
         """Place bands, tiles, faces, edges and the sums over them, each of which takes its part of the memory; return
@@ -120,40 +203,38 @@ class LayerTables:
 
     def _layers(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]], room: int) -> Layers:
         """Tables of the layers with all bonds."""
-        none, real, terms = np.zeros(0, np.int64), self.dtype, self.terms
+        real, terms = self.dtype, self.terms
         r, e, f = self._recursions(recursion)
+        items, item_ranges = self._make_items()
         neighbours = [list(terms.neighbours.get(across, ())) for across in ACROSS]
-        return Layers(
-            self.faces,
-            self.bands,
-            self.edges,
-            self.kinds,
-            self.tiles,
-            *self._make_items(),
-            np.array(terms.ends, np.int64),
-            np.array(terms.places, np.int64),
-            np.array(terms.factors, np.int64),
-            np.array([n for found in neighbours for n in found], np.int64),
-            np.cumsum([0, *map(len, neighbours)]),
-            np.array(terms.values, real).reshape(-1, max(self.layout.reach)),
-            none.reshape(0, 6),
-            np.zeros(0, real),
-            none,
-            none.reshape(0, 8),
-            np.zeros(0, real),
-            none,
-            none.reshape(0, 5),
-            np.zeros(0, real),
-            self._copies(),
-            r,
-            e,
-            f,
-            *self._mirrored(),
-            self._sizes(),
-            self.kept.itemsize * self.remember,
-            real.type(self.unit),
-            aligned_zeros(room, real),
-            aligned_zeros(self.stages * aligned(self.memory) if self.remember else ALIGN * 4, self.kept),
+        mirrored, mirrored_weights = self._mirrored()
+        return with_defaults(
+            Layers,
+            real,
+            faces=self.faces,
+            bands=self.bands,
+            edges=self.edges,
+            kinds=self.kinds,
+            tiles=self.tiles,
+            items=items,
+            item_ranges=item_ranges,
+            ends=np.array(terms.ends, np.int64),
+            places=np.array(terms.places, np.int64),
+            factors=np.array(terms.factors, np.int64),
+            neighbours=np.array([n for distances in neighbours for n in distances], np.int64),
+            spans=np.cumsum([0, *map(len, neighbours)]),
+            weights=np.array(terms.values, real).reshape(-1, max(self.layout.reach)),
+            r=r,
+            e=e,
+            f=f,
+            mirrored=mirrored,
+            mirrored_weights=mirrored_weights,
+            sizes=self._sizes(),
+            cell=self.kept.itemsize * self.remember,
+            unit=real.type(self.unit),
+            slots=aligned_zeros(room, real),
+            memory=aligned_zeros(self.stages * aligned(self.memory) if self.remember else ALIGN * 4, self.kept),
+            copies=self._copies(),
         )
 
     def _recursions(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]) -> np.ndarray:
@@ -170,12 +251,13 @@ class LayerTables:
     def _mirrors(self, axis: int) -> bool:
         """Whether the stencil is symmetric under reversal of an axis."""
         table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
-        turned = ((tuple(-i if a == axis else i for a, i in enumerate(o)), w) for o, w in table.items())
-        return all(o in table and np.array_equal(table[o], w) for o, w in turned)
+        images = ((tuple(-i if a == axis else i for a, i in enumerate(o)), w) for o, w in table.items())
+        return all(o in table and np.array_equal(table[o], w) for o, w in images)
 
-    def _shifts(self, reach: int, nested: bool) -> tuple[int, int, int]:
+    def _shifts(self, reach: int, nested: bool) -> tuple[int, ...]:
         """Addresses of the stretched shifts of a reach, outwards and inwards, and of the sums that they take."""
-        return load_shifts(reach, nested, not self.alike, self.dtype.name, self.kept.name)
+        varied, real, kept = not self.alike, self.dtype.name, self.kept.name
+        return load_rows("shift_rows", reach=reach, nested=nested, varied=varied, real=real, kept=kept)
 
     # --- where everything lies ---------------------------------------------------------------------------------
 
@@ -241,8 +323,8 @@ class LayerTables:
             columns, m, stride = layout.columns[axis, side], layout.reach[axis], layout.box.stride
             first = layout.low[axis] if side < 0 else layout.low[axis] + layout.core[axis] - 1
             sums = self.terms.count
-            for row, own in itertools.product(range(self.rows), range(self.sets[axis])):
-                self.terms.add(row, [{axis: side * k * (1 - 2 * own)} for k in range(1, m + 1)], [other, 2])
+            for row, inward in itertools.product(range(self.rows), range(self.sets[axis])):
+                self.terms.add(row, [{axis: side * k * (1 - 2 * inward)} for k in range(1, m + 1)], [other, 2])
             count = layout.box.nodes[other]
             rows.append(
                 (
@@ -277,19 +359,18 @@ class LayerTables:
                     continue
                 sides, m = (int(np.sign(face[STEP])), int(np.sign(other[STEP]))), layout.reach
                 sums, first_kind, cells = self.terms.count, len(kinds), 0
-                for own, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
+                for inward, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
                     far = int(np.abs(self.offsets[np.abs(self.offsets[:, 0]) == a, 1]).max(initial=0))
-                    start = -a if own == self.sets[0] - 1 else 0  # parts outwards are needed from column 0 on
+                    start = -a if inward == self.sets[0] - 1 else 0  # parts outwards are needed from column 0 on
                     kinds.append((far, start, cells, *(self._shifts(far, True) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
-                kinds_of = itertools.product(
+                parts = itertools.product(
                     range(self.rows), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
                 )
-                for row, own, a, inward in kinds_of:
-                    x, y = sides[0] * a * (1 - 2 * own), sides[1] * (1 - 2 * inward)
-                    self.terms.add(
-                        row, [{0: x, 1: y * b} for b in range(1, kinds[first_kind + own * m[0] + a - 1][0] + 1)], [2]
-                    )
+                for row, inward, a, inward_other in parts:
+                    x, y = sides[0] * a * (1 - 2 * inward), sides[1] * (1 - 2 * inward_other)
+                    far = kinds[first_kind + inward * m[0] + a - 1][0]
+                    self.terms.add(row, [{0: x, 1: y * b} for b in range(1, far + 1)], [2])
                 wide = int(other[COLUMNS]) + m[1]
                 first = 0 if sides[1] < 0 else layout.box.nodes[1] - wide
                 rows.append((number, other_number, sums, self.memory, cells, first, first + wide, first_kind))
@@ -298,7 +379,7 @@ class LayerTables:
 
     def _make_items(self) -> tuple[np.ndarray, np.ndarray]:
         """Pieces of work, each done by one thread; those of the first axis take the rows of an edge together."""
-        found: list[list[tuple[int, ...]]] = [[], []]
+        by_axis: list[list[tuple[int, ...]]] = [[], []]
         for number, face in enumerate(self.faces):
             ends = [
                 (int(e[EDGE_FIRST]), int(e[EDGE_ROWS]), i) for i, e in enumerate(self.edges) if e[EDGE_FACE] == number
@@ -307,11 +388,11 @@ class LayerTables:
             last = min((start for start, _, _ in ends if start > 0), default=int(face[ROWS]))
             step = max(1, -(-(last - first) // 32))
             pieces = [(i, min(i + step, last), -1) for i in range(first, last, step)] + ends
-            found[int(face[AXIS])] += [
+            by_axis[int(face[AXIS])] += [
                 (number, *piece[:2], tile, piece[2]) for piece in pieces for tile in range(len(self.tiles))
             ]
-        items = np.array(found[1] + found[0], np.int64).reshape(-1, 5)
-        return items, np.array([0, len(found[1]), len(items)], np.int64)
+        items = np.array(by_axis[1] + by_axis[0], np.int64).reshape(-1, 5)
+        return items, np.array([0, len(by_axis[1]), len(items)], np.int64)
 
     def in_a_line(self, side: int) -> int:
         """Number of slots beside a line along the last axis, of the layer on a side."""
@@ -322,7 +403,7 @@ class LayerTables:
         """Places of the slots in the halo on a side, and those that they repeat if the axis is periodic, shape (2, n);
         see `Layout.across`.
         """
-        layout, found = self.layout, [np.zeros((2, 0), np.int64)]
+        layout, slots = self.layout, [np.zeros((2, 0), np.int64)]
         n, m = layout.box.nodes, layout.reach
         halo = np.arange(-m[axis], 0) if side < 0 else np.arange(n[axis], n[axis] + m[axis])
         pairs, earlier = [], HALOS[: HALOS.index(axis)]
@@ -333,25 +414,25 @@ class LayerTables:
         for band in self.bands:
             if band[COLUMNS] and pairs:
                 fields = np.arange(self.columns * self.sets[2] * layout.reach[2]) * self.slots.lines
-                whole = [
-                    np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel() + band[BASE]
-                    for at in pairs
+                of_band = [
+                    np.add.outer(np.add.outer(fields, lines) * band[WIDTH], np.arange(band[WIDTH])).ravel() + band[BASE]
+                    for lines in pairs
                 ]
-                found.append(np.array(whole))
-        return np.concatenate(found, axis=1)
+                slots.append(np.array(of_band))
+        return np.concatenate(slots, axis=1)
 
     def _copies(self) -> np.ndarray:
         """Places of the slots that repeat what lies across a periodic axis: (to, from)."""
         periodic = self.layout.periodic
-        found = [self.across(axis, side) for axis in HALOS if axis in periodic for side in (-1, 1)]
-        return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
+        halos = [self.across(axis, side) for axis in HALOS if axis in periodic for side in (-1, 1)]
+        return np.concatenate([np.zeros((2, 0), np.int64), *halos], axis=1)
 
     def _sizes(self) -> np.ndarray:
         """Make `Layers.sizes`, and set the size of a thread's work space."""
         n0, n1, _ = self.layout.box.nodes
         rows = [int(f[COLUMNS] + f[REACH] + 1) * int(f[REACH]) for f in self.faces]
         rows += [int(b[WIDTH] + TURNED) * int(b[REACH]) for b in self.bands]
-        parts = 2 * max(rows)
+        parts = 2 * max(rows)  # outwards and inwards
         edge = crossing = 0
         for e in self.edges:
             face, other = self.faces[e[EDGE_FACE]], self.faces[e[EDGE_OTHER]]
@@ -382,31 +463,32 @@ class LayerTables:
 
     def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
         """Make `Layers.mirrored` and `mirrored_weights`."""
-        m, size = self.layout.reach, self.rows * self.columns
+        m = self.layout.reach
         functions, rows = np.zeros((3 + m[0], 2, 2), np.int64), [np.zeros(0)]
         if not self.alike or m[2] > self.lanes:
             return functions, np.concatenate(rows).astype(self.dtype)
         shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)), *self.signs)
         in_bands = bool(self.bands[:, COLUMNS].any())
         of_faces = [axis for axis in (0, 1) if (self.faces[:, AXIS] == axis).any()]
-        wanted = [(axis, apart) for axis in of_faces for apart in (False, True)]
-        wanted += [(3 + a, apart) for a in range(m[0] if len(self.edges) else 0) for apart in (False, True)]
-        for number, apart in [*wanted, (2, True)]:
+        sums = [(axis, apart) for axis in of_faces for apart in (False, True)]  # apart: over the slots of bands
+        sums += [(3 + a, apart) for a in range(m[0] if len(self.edges) else 0) for apart in (False, True)]
+        for number, apart in [*sums, (2, True)]:
             chosen = [i for i, o in enumerate(shape) if self._takes(number, o) and (o[2] > 0 or not apart)]
             if (apart and not in_bands) or not 0 < np.count_nonzero(matrices[chosen]) <= UNROLLED_LIMIT:
                 continue
-            found = tuple(shape[i] for i in chosen)
-            pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
-            differ, real = self.sets[2] == 2, self.dtype.name
+            offsets = tuple(shape[i] for i in chosen)
+            stencil = mirror_stencil(offsets, matrices[chosen], *self.signs)
+            settings: dict[str, Any] = {"stencil": stencil, "differ": self.sets[2] == 2, "real": self.dtype.name}
             if number == 2:
-                function = load_bands(found, pattern, *self.signs, differ, real)
+                rows_of = "band_rows"
             elif number < 3:
-                both = self.sets[number] == 2
-                function = load_parts(found, pattern, *self.signs, number, both, apart, differ, real)
+                rows_of = "part_rows"
+                settings |= {"axis": number, "both": self.sets[number] == 2, "apart": apart}
             else:
-                each, reach = (self.sets[0] == 2, self.sets[1] == 2), max(o[1] for o in found)
-                function = load_crossing(found, pattern, *self.signs, each, reach, apart, differ, real)
-            functions[number, int(apart)] = function, sum(map(len, rows))
+                rows_of = "crossing_rows"
+                both, reach = (self.sets[0] == 2, self.sets[1] == 2), max(o[1] for o in offsets)
+                settings |= {"both": both, "reach": reach, "apart": apart}
+            functions[number, int(apart)] = *load_rows(rows_of, **settings), sum(map(len, rows))
             rows.append(matrices[chosen].ravel())
         return functions, np.concatenate(rows).astype(self.dtype)
 
@@ -424,7 +506,7 @@ class LayerTables:
         by component, number of the application, and line; and the signs of the components. `driven`, shape (layers,
         columns + 1), says which edges between columns use theirs.
         """
-        found = []
+        cells_of: list[tuple[tuple[int, int], np.ndarray, Signs]] = []
         for number, band in enumerate(self.bands):
             if band[COLUMNS]:
                 n0, n1, _ = self.layout.box.nodes
@@ -436,7 +518,7 @@ class LayerTables:
                     for c in range(self.columns)
                 ]
                 used = self._used(band, driven)
-                found.append(
+                cells_of.append(
                     ((2, 2 * number - 1), np.array([used[:, None] * size + at for at in first]), self.signs[0])
                 )
         tile = np.repeat(np.arange(len(self.tiles)), self.tiles[:, TILE_COUNT])
@@ -452,26 +534,26 @@ class LayerTables:
                     + lane
                 )
                 places.append((first + used[:, None, None] * size).reshape(len(used), -1))
-            found.append(((int(face[AXIS]), int(np.sign(face[STEP]))), np.array(places), self.signs[1]))
+            cells_of.append(((int(face[AXIS]), int(np.sign(face[STEP]))), np.array(places), self.signs[1]))
         for edge in self.edges:
             face, other = self.faces[edge[EDGE_FACE]], self.faces[edge[EDGE_OTHER]]
-            ever: list[np.ndarray] = []
+            used_in_column: list[np.ndarray] = []
             end = 0
-            for own, a in itertools.product(range(face[SETS]), range(face[REACH])):
-                most, start = self.kinds[edge[EDGE_KINDS] + own * face[REACH] + a, :2]
-                one = self._used(other, driven, int(most))
+            for inward, a in itertools.product(range(face[SETS]), range(face[REACH])):
+                most, start = self.kinds[edge[EDGE_KINDS] + inward * face[REACH] + a, :2]
+                used = self._used(other, driven, int(most))
                 for _ in range(start, face[COLUMNS] + 1):
-                    ever.append(end + one)
+                    used_in_column.append(end + used)
                     end += int(2 * other[COLUMNS] + 1) * int(most)
-            of_all = np.concatenate(ever)
+            used = np.concatenate(used_in_column)
             place = self.tiles[tile, TILE_PLACE]
             first = [
                 edge[EDGE_MEMORY] + (c * self._tile_lanes + place) * edge[EDGE_CELLS] + lane for c in range(self.rows)
             ]
-            found.append(
-                ((1, int(np.sign(other[STEP]))), np.array([at + of_all[:, None] * size for at in first]), self.signs[1])
+            cells_of.append(
+                ((1, int(np.sign(other[STEP]))), np.array([at + used[:, None] * size for at in first]), self.signs[1])
             )
-        return found
+        return cells_of
 
     def lines(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
         """Places of the memory of each layer and of each edge: its name; the places, by component, number of the
@@ -481,12 +563,12 @@ class LayerTables:
         def name(layer: np.ndarray) -> str:
             return f"{int(layer[AXIS])}{'-+'[int(layer[STEP]) > 0]}"
 
-        kinds: list[tuple[str, tuple[int, ...]]] = [(name(one), (0, 1)) for one in self.bands if one[COLUMNS]]
-        kinds += [(name(one), (1 - int(one[AXIS]), 2)) for one in self.faces]
-        kinds += [(name(self.faces[one[EDGE_FACE]]) + name(self.faces[one[EDGE_OTHER]]), (2,)) for one in self.edges]
-        every = self.cells(np.ones(self.layers.f.shape, bool))
+        kinds: list[tuple[str, tuple[int, ...]]] = [(name(band), (0, 1)) for band in self.bands if band[COLUMNS]]
+        kinds += [(name(face), (1 - int(face[AXIS]), 2)) for face in self.faces]
+        kinds += [(name(self.faces[edge[EDGE_FACE]]) + name(self.faces[edge[EDGE_OTHER]]), (2,)) for edge in self.edges]
+        cells = self.cells(np.ones(self.layers.f.shape, bool))
         for stage, start in enumerate(self.starts):
-            for (called, axes), (_, places, _) in zip(kinds, every, strict=True):
+            for (called, axes), (_, places, _) in zip(kinds, cells, strict=True):
                 places = start + places.reshape(*places.shape[:2], *(self.layout.box.nodes[a] for a in axes))
                 yield called + f"/{stage}" * (stage > 0), places, axes
 

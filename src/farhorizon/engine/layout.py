@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
+
+Table = TypeVar("Table")
 
 #: Number of values reserved before and after an array for vector loads.
 SLACK = 64
@@ -45,28 +48,14 @@ BOX_FIELDS = (
 
 @dataclass(frozen=True)
 class Block:
-    """Box of nodes in a level.
+    """Box of nodes in a level."""
 
-    Attributes
-    ----------
-    nodes : tuple of int
-        Number of nodes along the three axes.
-    reach : tuple of int
-        Number of neighbours beyond the box along each axis.
-    stride : tuple of int
-        Distances between neighbours in a level.
-    origin : int
-        Place of the first node.
-    components, distance : int
-        Number of components of the field, and the distance between them.
-    """
-
-    nodes: tuple[int, int, int]
-    reach: tuple[int, int, int]
-    stride: tuple[int, int, int]
-    origin: int
-    components: int = 1
-    distance: int = 0
+    nodes: tuple[int, int, int]  # number of nodes along the three axes
+    reach: tuple[int, int, int]  # number of neighbours beyond the box along each axis
+    stride: tuple[int, int, int]  # distances between neighbours in a level
+    origin: int  # place of the first node
+    components: int = 1  # of the field
+    distance: int = 0  # between its components
 
     def view(self, level: np.ndarray) -> np.ndarray:
         """Nodes of this block in one level, indexed by axis, or by component and axis; a view."""
@@ -85,17 +74,66 @@ class Block:
 
     def coordinates(self, places: np.ndarray) -> np.ndarray:
         """Coordinates of places in a level, counted in nodes from the first of this block; shape (n, 3)."""
-        found = []
-        left = np.asarray(places, np.int64) - self.origin + int(np.dot(self.reach, self.stride))
+        coordinates = []
+        rest = np.asarray(places, np.int64) - self.origin + int(np.dot(self.reach, self.stride))
         for stride, m in zip(self.stride, self.reach, strict=True):
-            found.append(left // stride - m)
-            left = left % stride
-        return np.stack(found, -1)
+            coordinates.append(rest // stride - m)
+            rest = rest % stride
+        return np.stack(coordinates, -1)
 
     def node_indices(self) -> np.ndarray:
         """Places of all nodes in a level (of the first component), indexed by axis."""
         parts = [np.arange(n) * s for n, s in zip(self.nodes, self.stride, strict=True)]
         return self.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
+
+
+class Default(NamedTuple):
+    """Default of a field of a table: equal numbers, in the precision of the levels unless a type is given."""
+
+    shape: tuple[int, ...]
+    value: float = 0.0
+    dtype: np.dtype | None = None
+
+    def made(self, real: np.dtype) -> Any:
+        """Return a new array, or a number if the shape has no axes."""
+        return np.full(self.shape, self.value, real if self.dtype is None else self.dtype)[()]
+
+
+def reals(*shape: int, value: float = 0.0) -> Any:
+    """Return the default of a field with numbers in the precision of the levels."""
+    return Default(shape, value)
+
+
+def doubles(*shape: int) -> Any:
+    """Return the default of a field with numbers in double precision."""
+    return Default(shape, dtype=np.dtype(np.float64))
+
+
+def ints(*shape: int, bits: str = "int64") -> Any:
+    """Return the default of a field with integers."""
+    return Default(shape, dtype=np.dtype(bits))
+
+
+def empty(table: type[Table]) -> Table:
+    """Return the default of a field that is a table in turn, with all of its own defaults."""
+    return cast(Table, table)
+
+
+def with_defaults(table: type[Table], real: np.dtype, /, **given: Any) -> Table:
+    """Return a table (a named tuple of arrays) whose fields are as given, or else their defaults, which are made anew
+    for each table. Machine code depends on the types of all fields, so that the precision `real` matters even where an
+    array is empty.
+    """
+    fields = {}
+    for name, default in getattr(table, "_field_defaults").items():  # noqa: B009
+        if name in given:
+            continue
+        if isinstance(default, Default):
+            default = default.made(real)
+        elif isinstance(default, type):
+            default = with_defaults(default, real)
+        fields[name] = default
+    return table(**given, **fields)
 
 
 def aligned(count: int) -> int:
@@ -122,46 +160,20 @@ def row_values(count: int, itemsize: int) -> int:
 
 @dataclass
 class Layout:
-    """Layout of the box of a core and its layers.
+    """Layout of the box of a core and its layers."""
 
-    Parameters
-    ----------
-    core : tuple of int
-        Number of nodes of the core along the three axes (leading axes have one node in 1D and 2D).
-    offsets : ndarray, shape (K, 3)
-        Stencil offsets.
-    columns : mapping of (axis, side) to int
-        Number of nodes of each layer along its normal; side is -1 or +1.
-    periodic : set of int
-        Axes that are periodic.
-    components : int
-        Number of components of the field. What follows is for one of them.
-    itemsize : int
-        Bytes of a value.
-
-    Attributes
-    ----------
-    reach : tuple of int
-    low, high : tuple of int
-        Number of columns of the layers on the low and high side of each axis.
-    size : int
-        Number of values of a level.
-    box, near : Block
-        All nodes, and those of the core.
-    """
-
-    core: tuple[int, int, int]
-    offsets: np.ndarray
-    columns: Mapping[tuple[int, int], int]
-    periodic: frozenset[int]
-    components: int = 1
-    itemsize: int = 8
+    core: tuple[int, int, int]  # nodes of the core along the three axes (leading axes have one in 1D and 2D)
+    offsets: np.ndarray  # of the stencil, shape (K, 3)
+    columns: Mapping[tuple[int, int], int]  # nodes of each layer along its normal, by axis and side, -1 or +1
+    periodic: frozenset[int]  # axes
+    components: int = 1  # of the field; what follows is for one of them
+    itemsize: int = 8  # bytes of a value
     reach: tuple[int, int, int] = field(init=False)
-    low: tuple[int, ...] = field(init=False)
+    low: tuple[int, ...] = field(init=False)  # columns of the layers on the low side of each axis
     high: tuple[int, ...] = field(init=False)
-    size: int = field(init=False)
-    box: Block = field(init=False)
-    near: Block = field(init=False)
+    size: int = field(init=False)  # number of values of a level
+    box: Block = field(init=False)  # all nodes
+    near: Block = field(init=False)  # those of the core
 
     def __post_init__(self) -> None:
         x, y, z = (int(n) for n in np.abs(self.offsets).max(0))
@@ -177,6 +189,16 @@ class Layout:
         self.box = Block((n0, n1, n2), self.reach, stride, origin, self.components, self.size)
         first = origin + int(np.dot(self.low, stride))
         self.near = Block(self.core, self.reach, stride, first, self.components, self.size)
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Distances in a level to the neighbours of a node, in the order of the offsets; shape (K,)."""
+        return np.asarray(self.offsets @ np.array(self.box.stride))
+
+    def bonds_between(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Numbers in the stencil of the bonds from some places in a level to others."""
+        order = np.argsort(self.distances)
+        return np.asarray(order[np.searchsorted(self.distances[order], neighbours - nodes)])
 
     def table(self, columns: int, rows: int) -> np.ndarray:
         """Row of `BOX_FIELDS` for a sweep from a field of `columns` components to one of `rows`."""
@@ -208,11 +230,11 @@ class Layout:
         they repeat: (to, from, length), shape (3, n), in no particular order.
         """
         axes = [axis for axis in HALOS if axis in self.periodic]
-        found = [self.across(axis, side) for axis in axes for side in (-1, 1)]
-        inside = np.arange(self.size if found else 0)
-        for to, source in found:
+        halos = [self.across(axis, side) for axis in axes for side in (-1, 1)]
+        inside = np.arange(self.size if halos else 0)
+        for to, source in halos:
             inside[to] = inside[source]  # what later axes repeat may itself be a halo of earlier ones
-        to = np.sort(np.concatenate([np.zeros(0, np.int64), *(places[0] for places in found)]))
+        to = np.sort(np.concatenate([np.zeros(0, np.int64), *(places[0] for places in halos)]))
         source = inside[to]
         starts = np.flatnonzero((np.diff(to, prepend=-2) != 1) | (np.diff(source, prepend=-2) != 1))
         return np.array([to[starts], source[starts], np.diff(starts, append=to.size)])

@@ -8,26 +8,28 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Set
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numba import types
 
 from farhorizon.engine.bonds import PHASES
-from farhorizon.engine.nested import COLUMNS, Layers, has_layers
+from farhorizon.engine.layers import COLUMNS, Layers, has_layers
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import (
     AHEAD,
     BOND_STENCIL,
     BREAK,
     DAMAGED,
     DAMPERS,
+    DIVERGENCE,
     FILTER,
     FLOW_LAYERS,
-    KEEP,
+    GRADIENT,
     LINES,
     NEIGHBOURS,
     PUSHES,
+    RECORD,
     RELEASE,
     STRETCH,
     STRETCH_FORCES,
@@ -37,12 +39,12 @@ from farhorizon.engine.operations import (
     Tables,
     pass_of,
 )
-from farhorizon.engine.rows.build import load_layer_program, load_program
+from farhorizon.engine.rows.build import load_layer_program, load_program, load_sweep_program
 from farhorizon.engine.rows.calls import call_operation
 from farhorizon.engine.rows.compiled import cfunc, njit
 from farhorizon.engine.rows.notice import importing
 from farhorizon.engine.rows.structs import Struct
-from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage, Sums, one_medium
+from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Media, Stage, Sums
 from farhorizon.engine.threads import ALONE, side_by_side
 
 _FLOWS = 6  # the stage whose sums go into a level of their own, after those of the passes
@@ -63,19 +65,10 @@ _COMPILING = threading.RLock()  # simulations may run in parallel
 
 @njit(nogil=True, cache=True, counted=False, entry=True)
 def run(thread: int, steps: int, phase: int, calls: np.ndarray, tables: int, inputs: int) -> None:
-    """Do one thread's share of `steps` steps, beginning with the rotation `phase`.
-
-    After them the level ``tables.rotation[(phase + steps) % rotations, 0, 0]`` holds the state.
-
-    Parameters
-    ----------
-    thread : int
-        Address of a `Thread`.
-    steps, phase : int
-    calls : ndarray of int, shape (rotations, n, 4)
-        What there is to do in a step: addresses of functions, stages and sums, and a number.
-    tables, inputs : int
-        Addresses of `Tables` and `Inputs`.
+    """Do one thread's part of `steps` steps, beginning with the rotation `phase`, after which the level
+    ``tables.rotation[(phase + steps) % rotations, 0, 0]`` holds the state. `thread`, `tables` and `inputs` are
+    addresses; `calls`, shape (rotations, n, 4), says what to do in a step: addresses of functions, stages and sums, and
+    a number.
     """
     for step in range(steps):
         for i in range(calls.shape[1]):
@@ -86,12 +79,7 @@ def run(thread: int, steps: int, phase: int, calls: np.ndarray, tables: int, inp
 
 class CompiledLoop:
     """Works through tables of operations in machine code. It keeps what it has made of the last tables, because most
-    calls have the same ones.
-
-    Parameters
-    ----------
-    beside : CompiledLoop, optional
-        One whose last tables have much in common with the next ones.
+    calls have the same ones; those of a loop `beside` it may have much in common with the next ones.
     """
 
     def __init__(self, beside: CompiledLoop | None = None) -> None:
@@ -114,8 +102,8 @@ class CompiledLoop:
         if not self._serves(levels, table, outside):
             self._kept, self._calls = _calls(levels, table, outside)
         self._levels, self._tables, self._inputs = levels, table, outside
-        given = self._calls, table.address, outside.address
-        side_by_side(lambda thread: run(thread.address, steps, phase, *given), threads)
+        arguments = self._calls, table.address, outside.address
+        side_by_side(lambda thread: run(thread.address, steps, phase, *arguments), threads)
 
     def _serves(self, levels: np.ndarray, tables: Struct, inputs: Struct) -> bool:
         """Whether the calls made last time are still valid."""
@@ -125,7 +113,7 @@ class CompiledLoop:
         return (
             inputs.type is self._inputs.type
             and (now is before or _alike(now, before))
-            and _keeps(now, inputs.table) == _keeps(before, self._inputs.table)
+            and _records(now, inputs.table) == _records(before, self._inputs.table)
         )
 
 
@@ -138,25 +126,26 @@ def _alike(tables: Tables, before: Tables) -> bool:
 def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Struct], np.ndarray]:
     """The calls of a step in each rotation of the levels, and the structs whose addresses they contain."""
     table: Tables = tables.table
-    program, size = load_program(), types.int64
+    size = types.int64
     lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
-    used = sorted({which for operations in lists for _, _, which in operations} | {BOND_STENCIL})
+    passes = sorted({which for operations in lists for _, _, which in operations} | {BOND_STENCIL})
     split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
     swept = {which for operations in lists for operation, _, which in operations if operation in (SWEEP, AHEAD)}
     parts = {
-        which: _on_parts(program, table, inputs.table, which, which in split) if which in swept else ([], [])
-        for which in used
+        which: _on_parts(table, inputs.table, which, which in split) if which in swept else ([], []) for which in passes
     }
-    sums = {which: _sums(tables, which, *map(len, parts[which])) for which in used}
+    sums = {which: _sums(tables, which, *map(len, parts[which])) for which in passes}
     of_stages = [
         {which: _of_stage(one, part, len(lists), tables) for which, one in sums.items()} for part in range(len(lists))
     ]
 
-    def address(function: Function, stage: Struct, one: Struct) -> int:
-        return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
+    def address(function: Function, stage: Struct, of_pass: Struct) -> int:
+        return _address(function, (ALONE.type, stage.type, of_pass.type, tables.type, inputs.type, size, size))
 
-    does = [[one for operation in operations for one in _does(table, inputs.table, *operation)] for operations in lists]
-    staged = {*sums, *(kind for found in does for _, kind, _, _ in found)}
+    does = [
+        [call for operation in operations for call in _does(table, inputs.table, *operation)] for operations in lists
+    ]
+    staged = {*sums, *(kind for calls in does for _, kind, _, _ in calls)}
     stages = [
         [
             _stages([levels[i] for i in (*places, turn[0][0])], table, part, (phase + part) % 2 == 1, staged)
@@ -164,26 +153,23 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         ]
         for phase, turn in enumerate(table.rotation)
     ]
-    with _COMPILING, importing(program.__name__):
-        for which, one in sums.items():
+    with _COMPILING, importing(load_program().__name__):
+        for which, of_pass in sums.items():
             first = stages[0][0][which]
-            for places, functions in zip((one.table.each, one.table.ahead), parts[which], strict=True):
-                places[:] = [address(function, first, one) for function in functions]
-            _set_called(program, first, one)
+            for places, functions in zip((of_pass.table.each, of_pass.table.ahead), parts[which], strict=True):
+                places[:] = [address(function, first, of_pass) for function in functions]
+            _set_called(first, of_pass)
         rows = [
             [
                 (address(function, stage[kind], mine[which]), stage[kind].address, mine[which].address, number)
-                for stage, found, mine in zip(turn, does, of_stages, strict=True)
-                for function, kind, which, number in found
+                for stage, calls, mine in zip(turn, does, of_stages, strict=True)
+                for function, kind, which, number in calls
             ]
             for turn in stages
         ]
-    kept = [
-        *sums.values(),
-        *(one for mine in of_stages for one in mine.values()),
-        *(one for turn in stages for stage in turn for one in stage.values()),
-    ]
-    return kept, np.array(rows, np.int64).reshape(len(rows), -1, 4)
+    structs = [struct for by_pass in (sums, *of_stages) for struct in by_pass.values()]
+    structs += [struct for turn in stages for stage in turn for struct in stage.values()]
+    return structs, np.array(rows, np.int64).reshape(len(rows), -1, 4)
 
 
 def _does(
@@ -193,12 +179,12 @@ def _does(
     layers, on_layers = pass_of(tables, which).layers, load_layer_program()
     if operation == LINES:
         bands = [band for band in range(2) if layers.bands[band, COLUMNS]]
-        found = [(on_layers.continue_band, which, which, band) for band in bands]
-        found += [(on_layers.copy_slots, which, which, 0)] * bool(layers.copies.shape[1])
-        return found + [(on_layers.meet, which, which, 0)] * (which in _UNSWEPT)
+        calls = [(on_layers.continue_band, which, which, band) for band in bands]
+        calls += [(on_layers.copy_slots, which, which, 0)] * bool(layers.copies.shape[1])
+        return calls + [(on_layers.meet, which, which, 0)] * (which in _UNSWEPT)
     if operation == STRETCH:
         return [(function, which, which, number) for function in _on_axis(layers, number)]
-    program = load_program()
+    program, sweep_program = load_program(), load_sweep_program()
     if operation == FLOW_LAYERS:
         return [
             (function, stage, BOND_STENCIL, axis)
@@ -210,15 +196,17 @@ def _does(
                 (program.add_inflow, BOND_STENCIL),
             )
         ]
-    if operation == KEEP:
-        asked = zip((program.record_nodes_last, program.record_blocks_last), _keeps(tables, inputs), strict=True)
-        return [(function, which, which, number) for function, there in asked if there]
+    if operation == RECORD:
+        functions = sweep_program.record_nodes_last, sweep_program.record_blocks_last
+        used = zip(functions, _records(tables, inputs), strict=True)
+        return [(function, which, which, number) for function, is_used in used if is_used]
     stage = which
     if operation in (FILTER, DAMPERS) and len(tables.numbers) > 1:
         stage = _STEP
     if operation in _OF_THE_FIELD:
         stage, which = BOND_STENCIL, BOND_STENCIL
-    return [(program.OPERATIONS[operation], stage, which, number)]
+    module = program if operation in program.OPERATIONS else sweep_program
+    return [(module.OPERATIONS[operation], stage, which, number)]
 
 
 def _on_axis(layers: Layers, axis: int) -> list[Function]:
@@ -227,52 +215,50 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
     if axis < 2:
         return [program.stretch_faces]
     mirrored = layers.mirrored[2, 1, 0] != 0  # bonds have no coefficients then
-    found = [program.add_mirrored_bands if mirrored else program.add_bands]
-    return found + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
+    functions = [program.add_mirrored_bands if mirrored else program.add_bands]
+    return functions + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
 
 
-def _on_parts(
-    program: ModuleType, tables: Tables, inputs: Inputs, which: int, split: bool
-) -> tuple[list[Function], list[Function]]:
+def _on_parts(tables: Tables, inputs: Inputs, which: int, split: bool) -> tuple[list[Function], list[Function]]:
     """Functions that are called for each part of the box as a pass sweeps it, and those that are called while messages
     are under way. If the pass is `split`, what needs no halo has been swept by the latter.
     """
-    one, bonds = pass_of(tables, which), tables.bonds
+    program, operands, bonds = load_sweep_program(), pass_of(tables, which), tables.bonds
     if tables.phases.runs.size:
         whole, ahead, rest = program.phases_part, program.phases_ahead, program.phases_rest
     elif bonds.places.shape[0] and bonds.forces:
         whole, ahead, rest = program.bonds_part, program.bonds_ahead, program.bonds_rest
     else:
         whole, ahead, rest = program.stencil_part, program.stencil_ahead, program.stencil_rest
-    recorded_nodes, block_values = _keeps(tables, inputs)
-    found = [
-        (program.release_part, one.surface.stretches.size),
-        (program.record_nodes_part, which == BOND_STENCIL and recorded_nodes),
-        (program.record_blocks_part, which == BOND_STENCIL and block_values),
-        (program.law_part, one.sweep.law.values.size),
+    nodes, blocks = _records(tables, inputs)
+    after = [
+        (program.release_part, operands.surface.stretches.size),
+        (program.record_nodes_part, which == BOND_STENCIL and nodes),
+        (program.record_blocks_part, which == BOND_STENCIL and blocks),
+        (program.law_part, operands.sweep.law.values.size),
     ]
-    after = [function for function, there in found if there]
-    return [rest if split else whole, *after], [program.move_part, ahead] if split else []
+    functions = [rest if split else whole, *(function for function, is_used in after if is_used)]
+    return functions, [program.move_part, ahead] if split else []
 
 
-def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
+def _set_called(stage: Struct, sums: Struct) -> None:
     """Set the addresses of the functions that operations call."""
     table: Sums = sums.table
-    layers, on_layers = table.layers, load_layer_program()
-    single = table.columns == table.rows == 1
-    for number, function, there in (
-        (GENERAL, program.general_rows if single else program.general_matrix_rows, table.sweep.function == 0),
+    layers, on_layers, sweep_program = table.layers, load_layer_program(), load_sweep_program()
+    rows = sweep_program.general_rows if table.columns == table.rows == 1 else sweep_program.general_matrix_rows
+    for number, function, is_used in (
+        (GENERAL, rows, table.sweep.function == 0),
         (FACE, on_layers.stretch_face, len(layers.items)),
         (EDGE, on_layers.stretch_edge, len(layers.edges)),
         (ABSENT, on_layers.take_cuts, len(layers.cuts)),
     ):
-        if there:
+        if is_used:
             numbers = function.__code__.co_argcount - 2
             table.called[number] = _address(function, (stage.type, sums.type, *[types.int64] * numbers))
 
 
-def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
-    """Whether anything is watched, and whether anything is heard."""
+def _records(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
+    """Whether the values of any nodes are recorded, and whether any sums over blocks are."""
     return bool(inputs.recorded_nodes.size), bool(tables.block_sums.rows.size)
 
 
@@ -282,11 +268,18 @@ def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which in _OF_BONDS else alike
-    liquid = alike if everywhere.rule == PHASES else material
-    media = tables.media if which == BOND_STENCIL else one_medium(tables.numbers.dtype)
-    room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
-    free = tables.free if ahead else np.zeros_like(tables.free)
-    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free), beside=struct)
+    sums = Sums(
+        **pass_of(tables, which)._asdict(),
+        material=material,
+        liquid=alike if everywhere.rule == PHASES else material,
+        media=tables.media if which == BOND_STENCIL else with_defaults(Media, tables.numbers.dtype),
+        work_space=tables.work_space,
+        called=np.zeros(4, np.int64),
+        each=np.zeros(parts, np.int64),
+        ahead=np.zeros(ahead, np.int64),
+        free=tables.free if ahead else np.zeros_like(tables.free),
+    )
+    return Struct(sums, beside=struct)
 
 
 def _of_stage(sums: Struct, part: int, stages: int, beside: Struct) -> Struct:
@@ -299,32 +292,33 @@ def _of_stage(sums: Struct, part: int, stages: int, beside: Struct) -> Struct:
     return Struct(table._replace(layers=table.layers._replace(memory=memory)), beside=beside)
 
 
-def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, wanted: Set[int]) -> dict[int, Struct]:
-    """The wanted ones of: a stage of the field and those of the passes, in this order: sums that make states, sums that
-    make forces of states, forces and traces where heat passes through layers, increments summed over neighbours, sums
-    that go into a level of their own, and the whole step. `levels` are those of the stage, and the first of the step.
+def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, passes: Set[int]) -> dict[int, Struct]:
+    """A stage of the field, by the number of its pass, those of further passes, that of the flows and the whole step;
+    of these the ones with the given numbers. `levels` are those of the stage, and the first of the step.
     """
     src, base, out, before = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
-    none, one = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
+    zero, unit = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
     states, inflow, n = tables.gradient_pass.sweep.law.values, tables.flows.inflow, tables.components
     heat, drag = tables.heat, tables.drag
-    pushed, traced = (tables.pushes.columns, tables.pushes.rows), (tables.traces.columns, tables.traces.rows)
-    read, made = (
-        (tables.gradient_pass.columns, tables.gradient_pass.rows),
-        (tables.divergence_pass.columns, tables.divergence_pass.rows),
-    )
-    stages = (
-        Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
-        Stage(src, states, states, part, none, none, none, one, False, *read, backward),
-        Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
-        Stage(heat.thermal_strain, out, out, part, none, none, one, scale, False, *pushed, backward),
-        Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
-        Stage(drag.moved, drag.beyond, drag.beyond, part, none, none, none, one, False, n, n, backward),
-        Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
-        Stage(before, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
-    )
-    return {kind: Struct(stage) for kind, stage in enumerate(stages) if kind in wanted}
+
+    def adds(source: np.ndarray, result: np.ndarray, which: int, keep: Any, factor: Any) -> Stage:
+        """Stage whose sums are added to `keep` times its result."""
+        columns, rows = pass_of(tables, which).columns, pass_of(tables, which).rows
+        way = backward != (which == DIVERGENCE)  # the reverse of the sweep before it
+        return Stage(source, result, result, part, zero, zero, keep, factor, False, columns, rows, way)
+
+    stages = {
+        BOND_STENCIL: Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
+        GRADIENT: adds(src, states, GRADIENT, zero, unit),
+        DIVERGENCE: adds(states, out, DIVERGENCE, unit, scale),
+        PUSHES: adds(heat.thermal_strain, out, PUSHES, unit, scale),
+        TRACES: adds(src, heat.traces, TRACES, unit, unit),
+        NEIGHBOURS: adds(drag.moved, drag.beyond, NEIGHBOURS, zero, unit),
+        _FLOWS: Stage(src, inflow, inflow, part, unit, unit, unit, unit, False, n, n, backward),
+        _STEP: Stage(before, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
+    }
+    return {which: Struct(stage) for which, stage in stages.items() if which in passes}
 
 
 def _address(function: Function, kinds: tuple[types.Type, ...]) -> int:

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from farhorizon.engine.bonds import PHASES
-from farhorizon.engine.field import Field
-from farhorizon.engine.plain_tables import block_of
+from farhorizon.engine.field import Field, block_of
+from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.rows.choose import compiled_rows
-from farhorizon.engine.tables import Media, one_medium
+from farhorizon.engine.tables import Media
 
 Piece = tuple[int, int, int, int, int]
 
@@ -30,13 +30,13 @@ def media_of(engine: Field) -> Media:
     """Return the media of an engine whose nodes have coefficients, also in their halo."""
     material, layout = engine.tables.material, engine.layout
     if material.coefficient.size == 1 or material.rule == PHASES or np.ndim(engine.reaction):
-        return one_medium(engine.dtype)
+        return with_defaults(Media, engine.dtype)
     values, numbers = _uniform(layout.box.all(material.coefficient), layout.reach)
     given = engine.dtype.name, engine.stages.increments, engine.signs, np.zeros((0, 0))
     block = block_of(engine)[1]
     function, row = compiled_rows(engine.offsets, block, *given) if values.size else (0, np.zeros(1))
     if function == 0:
-        return one_medium(engine.dtype)
+        return with_defaults(Media, engine.dtype)
     mixed = np.zeros(layout.size, np.int8)
     mixed[layout.box.node_indices()[numbers == -1]] = 1
     pieces, ranges, depth = [], [0], engine.tables.sweep.depth
@@ -47,12 +47,12 @@ def media_of(engine: Field) -> Media:
     scale = np.array([stage[2] for stage in engine.stages.numbers])
     middle = -float(block.sum()) if block.ndim == 1 and not engine.stages.increments else 0.0
     return Media(
-        function,
-        np.array(pieces, np.int64),
-        np.array(ranges, np.int64),
-        mixed,
-        np.multiply.outer(values[:, None] * scale, row).astype(engine.dtype),
-        (scale * (values[:, None] - 1) * middle).astype(engine.dtype),
+        function=function,
+        pieces=np.array(pieces, np.int64),
+        ranges=np.array(ranges, np.int64),
+        mixed=mixed,
+        weights=np.multiply.outer(values[:, None] * scale, row).astype(engine.dtype),
+        own=(scale * (values[:, None] - 1) * middle).astype(engine.dtype),
     )
 
 
@@ -77,7 +77,7 @@ def _pieces(media: np.ndarray) -> Iterator[Piece]:
         if medium >= 0:
             yield 0, len(media), start, stop, medium
         for i, row in enumerate(media[:, start:stop] if medium == -2 else ()):
-            yield from ((i, i + 1, start + a, start + b, one) for a, b, one in _runs(row) if one >= 0)
+            yield from ((i, i + 1, start + a, start + b, number) for a, b, number in _runs(row) if number >= 0)
     rows = [(0, len(media), media[0])] if (alike > -2).all() else [(i, i + 1, row) for i, row in enumerate(media)]
     for first, last, row in rows:
         yield from ((first, last, start, stop, -1) for start, stop in _joined(row))
@@ -94,9 +94,9 @@ def _joined(row: np.ndarray) -> list[tuple[int, int]]:
     """Runs of nodes in a row whose bonds differ, as first and last + 1; runs with a short gap between them are
     joined.
     """
-    found: list[tuple[int, int]] = []
+    joined: list[tuple[int, int]] = []
     for start, stop, medium in _runs(row):
         if medium == -1:
-            near = bool(found) and start - found[-1][1] < _APART
-            found[-1 if near else len(found) :] = [(found[-1][0] if near else start, stop)]
-    return found
+            near = bool(joined) and start - joined[-1][1] < _APART
+            joined[-1 if near else len(joined) :] = [(joined[-1][0] if near else start, stop)]
+    return joined

@@ -1,7 +1,8 @@
 """Operations of which a step consists, and the tables that they read.
 
-A step is one or more stages. Each stage is a list of operations, which the compiled loop executes in order; where
-needed an operation is given a number. The plain numpy program of the tests executes the same lists.
+A step is one or more stages. Each stage is a list of operations, which the compiled loop executes in order
+(`engine.program`, `sweep_program` and `layer_program` have the functions that do them); where needed an operation is
+given a number. The plain numpy program of the tests executes the same lists.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
-from farhorizon.engine.layout import HALOS
-from farhorizon.engine.nested import Layers, has_layers
+from farhorizon.engine.layers import Layers, has_layers
+from farhorizon.engine.layout import HALOS, doubles, empty, ints, reals, with_defaults
 from farhorizon.engine.outline_stencil import OutlineStencil
 from farhorizon.engine.phases import Phases
 from farhorizon.engine.rows.exchanges import USED
@@ -34,10 +35,11 @@ from farhorizon.engine.tables import (
     Inputs,
     Material,
     Media,
+    Pass,
     Surface,
     Sweep,
 )
-from farhorizon.engine.thermal_strain import ThermalStrains, no_heat
+from farhorizon.engine.thermal_strain import ThermalStrains
 
 COPY = 0  # the halo copies what lies across periodic axes
 DAMP_OLD = 1  # an absorbing zone damps the increment of the last step
@@ -54,9 +56,9 @@ WORK = 11  # the work of sources is accumulated
 FLOW_LAYERS = 12  # contributions of the layers are added to the flows
 FLOW = 13  # flows along bonds are accumulated
 DEPEND = 14  # nodes whose values depend on those of others are set
-FRINGE = 15  # the halo along an outline is set
+OUTLINE = 15  # the halo along an outline is set
 DISSOLVE = 16  # solid nodes become liquid
-KEEP = 17  # values of watched nodes and sums over blocks of nodes are recorded
+RECORD = 17  # values of recorded nodes and sums over blocks of nodes are recorded
 LAW = 18  # the law of the nodes is applied to their states
 BREAK = 19  # bonds beyond their limit break
 DAMAGED = 20  # sums of nodes that have lost bonds are recomputed; the number says which, see `engine.damage`
@@ -65,101 +67,40 @@ SEND = 22  # messages to other processes are started; the number is three times 
 STRETCH_STATES = 23  # layers stretch the derivatives in the states; with number 1 their memory begins
 STRETCH_FORCES = 24  # and those of the results of the law
 DRAG = 25  # velocities move towards the mean of their neighbours
-HEAT = 26  # thermal strains are subtracted from those of the springs of state-based media
-WARM = 27  # thermal strains advance to the next step
+THERMAL_FORCES = 26  # thermal strains are subtracted from those of the springs of state-based media
+ADVANCE_STRAINS = 27  # thermal strains advance to the next step
 MELT = 28  # nodes of the halo become liquid as in the processes that own them
 AHEAD = 29  # SWEEP of rows that need no halo, while messages are under way: the number is twice that of a part of
 # these rows, plus the number of other parts
 RECEIVE = 30  # messages that fill the halo are completed; numbered as SEND
 RELEASE = 31  # bonds break whose energy exceeds their limit
-HEAT_BEYOND = 32  # as HEAT, but on all nodes, and also for bonds without a law of their own
+THERMAL_FORCES_BEYOND = 32  # as THERMAL_FORCES, but on all nodes, and also for bonds without a law of their own
 DAMPERS = 33  # masses of tuned dampers move
-MOVED = 34  # increments of the last step are stored for drag
+KEEP_INCREMENTS = 34  # increments of the last step are stored for drag
 
 # Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
 # through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
 BOND_STENCIL, GRADIENT, DIVERGENCE, PUSHES, TRACES, NEIGHBOURS = range(6)
-
-
-class Pass(NamedTuple):
-    """Sums over bonds, from one field to another.
-
-    Attributes
-    ----------
-    sweep : Sweep
-    layers : Layers
-    cuts : Cuts
-    surface : Surface
-    columns, rows : int
-        Numbers of components that are read and written.
-    """
-
-    sweep: Sweep
-    layers: Layers
-    cuts: Cuts
-    surface: Surface
-    columns: int
-    rows: int
+#: Fields of `Tables` with the passes other than the first.
+FURTHER_PASSES = "gradient_pass", "divergence_pass", "pushes", "traces", "neighbours"
 
 
 Operation = tuple[int, int, int]
 
 
 class Tables(NamedTuple):
-    """Everything that the loop reads and keeps, except for the levels and the inputs.
+    """Everything that the loop reads and keeps, except for the levels and the inputs."""
 
-    Attributes
-    ----------
-    operations : ndarray of int, shape (n, 3)
-        Operations of all stages, one after the other: the operation, a number, and the pass of the operator to which it
-        belongs.
-    starts : ndarray of int, shape (stages + 1,)
-        First operation of each stage.
-    rotation : ndarray of int, shape (rotations, stages, 3)
-        Numbers of the levels (src, base, out).
-    numbers : ndarray, shape (stages, 5)
-        (a, a for differences, b, scale, source scale).
-    increments : bool
-    components : int
-    copies : ndarray of int, shape (3, n)
-        Runs of places of the halo that copy others, see `Layout.copies`.
-    exchange : ndarray of int, shape (kinds, 3, 5)
-        Messages by which other processes fill halos, by kind and axis; see `engine.exchange`.
-    free : ndarray of int, shape (2, 2)
-        Rows that need no halo from other processes except along the last axis: first and end along the other axes.
-    work_space : ndarray, shape (threads, n)
-    work : ndarray, shape (n,)
-        Accumulated work of the sources, or empty.
-    mobility : ndarray, shape (places,)
-        Acceleration of each place by a given force, relative to a node of the medium, or empty.
-    """
-
-    operations: np.ndarray
-    starts: np.ndarray
-    rotation: np.ndarray
-    numbers: np.ndarray
+    rotation: np.ndarray  # numbers of the levels (src, base, out), shape (rotations, stages, 3)
+    numbers: np.ndarray  # (a, a for differences, b, scale, source scale) of each stage, shape (stages, 5)
     increments: bool
     components: int
     sweep: Sweep
     layers: Layers
-    work_space: np.ndarray
-    copies: np.ndarray
-    exchange: np.ndarray
-    free: np.ndarray
+    work_space: np.ndarray  # shape (threads, n)
+    copies: np.ndarray  # runs of places of the halo that copy others, see `Layout.copies`; shape (3, n)
     material: Material
-    media: Media
-    cuts: Cuts
-    surface: Surface
-    phases: Phases
-    bonds: Bonds
-    work: np.ndarray
-    damping: Damping
-    mobility: np.ndarray
-    ends: Ends
-    dependents: Dependents
     flows: Flows
-    outline_stencil: OutlineStencil
-    filter: Filter
     dampers: Dampers
     block_sums: BlockSums
     gradient_pass: Pass
@@ -167,9 +108,30 @@ class Tables(NamedTuple):
     pushes: Pass
     traces: Pass
     neighbours: Pass
-    stretches: Stretches
-    drag: Drag
-    heat: ThermalStrains
+    # Operations of all stages, one after the other: the operation, a number, and the pass of the operator to which it
+    # belongs; shape (n, 3). The first of each stage, and the end; shape (stages + 1,).
+    operations: np.ndarray = ints(0, 3)
+    starts: np.ndarray = ints(1)
+    # Messages by which other processes fill halos, by kind and axis; see `engine.exchange`; shape (kinds, 3, 5).
+    exchange: np.ndarray = ints(0, 3, 5)
+    # Rows that need no halo from other processes except along the last axis: first and end along the other axes.
+    free: np.ndarray = ints(2, 2)
+    media: Media = empty(Media)
+    cuts: Cuts = empty(Cuts)
+    surface: Surface = empty(Surface)
+    work: np.ndarray = doubles(0)  # accumulated work of the sources, or empty
+    damping: Damping = empty(Damping)
+    # Acceleration of each place by a given force, relative to a node of the medium; shape (places,), or empty.
+    mobility: np.ndarray = reals(0)
+    ends: Ends = empty(Ends)
+    dependents: Dependents = empty(Dependents)
+    outline_stencil: OutlineStencil = empty(OutlineStencil)
+    filter: Filter = empty(Filter)
+    stretches: Stretches = empty(Stretches)
+    drag: Drag = empty(Drag)
+    bonds: Bonds = empty(Bonds)
+    phases: Phases = empty(Phases)
+    heat: ThermalStrains = empty(ThermalStrains)
 
 
 class Asked(NamedTuple):
@@ -188,8 +150,10 @@ def asked_by(inputs: Inputs) -> Asked:
 def operations_of(tables: Tables, asked: Asked) -> tuple[np.ndarray, np.ndarray]:
     """Return the operations of a step: `operations` and `starts` for tables that lack them."""
     lists = [_stage(tables, asked, stage) for stage in range(len(tables.numbers))]
-    kept = asked.recorded_nodes or tables.block_sums.rows.size
-    lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept), (WARM, tables.heat.rate.size))
+    recorded = asked.recorded_nodes or tables.block_sums.rows.size
+    lists[-1] += _present(
+        (DISSOLVE, tables.phases.runs.size), (RECORD, recorded), (ADVANCE_STRAINS, tables.heat.rate.size)
+    )
     starts = np.cumsum([0, *map(len, lists)])
     return table_of(itertools.chain(*lists)), starts
 
@@ -203,11 +167,11 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     damped, flows = tables.damping.nodes.size, tables.flows.effects[stage] != 0
     last = stage == len(tables.numbers) - 1  # after which there are increments of the whole step
     return (
-        _chosen((DAMP_OLD, damped))
+        _present((DAMP_OLD, damped))
         + operator_operations(tables, melting=stage == 0)
-        + _chosen((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
+        + _present((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
         + _drag_operations(tables)
-        + _chosen(
+        + _present(
             (DAMP_NEW, damped),
             (FILTER, last and tables.filter.runs.size),
             (DAMPERS, last and tables.dampers.runs.size),
@@ -216,7 +180,7 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
             (FLOW_LAYERS, flows and tables.flows.inflow.size),
             (FLOW, flows and tables.flows.accounts.size),
             (DEPEND, tables.dependents.nodes.size),
-            (FRINGE, tables.outline_stencil.nodes.size),
+            (OUTLINE, tables.outline_stencil.nodes.size),
         )
     )
 
@@ -227,24 +191,24 @@ def operator_operations(tables: Tables, melting: bool = False, breaking: bool = 
     """
     breaks, by_energy = not tables.bonds.forces, len(tables.bonds.released) > 0
     may_break = breaking and breaks and np.isfinite(tables.bonds.limit[0])
-    before = _chosen((MELT, melting and len(tables.phases.halo)))
-    before += _chosen((BREAK, may_break and not by_energy), number=GRADIENT)
+    before = _present((MELT, melting and len(tables.phases.halo)))
+    before += _present((BREAK, may_break and not by_energy), number=GRADIENT)
     # In all stages or in none: the sweep reads the phases of the halo, and may overwrite one of the two levels by which
     # bonds break.
     ahead = not (breaks or len(tables.phases.halo))
-    found = _sums(tables, BOND_STENCIL, halo=True, ahead=ahead, before=before)
+    steps = _sums(tables, BOND_STENCIL, halo=True, ahead=ahead, before=before)
     if tables.gradient_pass.sweep.law.values.size:
         stretched = tables.stretches.runs.size
-        found += _sums(tables, GRADIENT) + _chosen((STRETCH_STATES, stretched), number=GRADIENT)
-        found += _chosen((LAW, _later(tables.gradient_pass)), number=GRADIENT) + [(DAMAGED, STATES, GRADIENT)] * breaks
+        steps += _sums(tables, GRADIENT) + _present((STRETCH_STATES, stretched), number=GRADIENT)
+        steps += _present((LAW, _later(tables.gradient_pass)), number=GRADIENT) + [(DAMAGED, STATES, GRADIENT)] * breaks
         if may_break and by_energy:
-            found += _chosen((COPY, tables.copies.size), number=DIVERGENCE)
-            found += _exchanged(tables, DIVERGENCE, [LEVEL], lines=[], ahead=False)
-            found += [(RELEASE, 0, GRADIENT), (DAMAGED, STATES_AGAIN, GRADIENT)]
-        found += _sums(tables, DIVERGENCE, halo=True, ahead=True)
-        found += _chosen((STRETCH_FORCES, stretched), number=DIVERGENCE) + [(DAMAGED, FORCES, DIVERGENCE)] * breaks
-    found += _chosen((HEAT, tables.heat.vectors.size))
-    return found + (_in_layers(tables, PUSHES, [(HEAT_BEYOND, 0, PUSHES)]) if tables.heat.beyond.size else [])
+            steps += _present((COPY, tables.copies.size), number=DIVERGENCE)
+            steps += _exchanged(tables, DIVERGENCE, [LEVEL], lines=[], ahead=False)
+            steps += [(RELEASE, 0, GRADIENT), (DAMAGED, STATES_AGAIN, GRADIENT)]
+        steps += _sums(tables, DIVERGENCE, halo=True, ahead=True)
+        steps += _present((STRETCH_FORCES, stretched), number=DIVERGENCE) + [(DAMAGED, FORCES, DIVERGENCE)] * breaks
+    steps += _present((THERMAL_FORCES, tables.heat.vectors.size))
+    return steps + (_in_layers(tables, PUSHES, [(THERMAL_FORCES_BEYOND, 0, PUSHES)]) if tables.heat.beyond.size else [])
 
 
 def trace_operations(tables: Tables) -> list[Operation]:
@@ -257,51 +221,44 @@ def _drag_operations(tables: Tables) -> list[Operation]:
     if not tables.drag.rate.size:
         return []
     layers = tables.neighbours.layers
-    lines = _chosen((LINES, has_layers(layers, 2)), number=NEIGHBOURS)
-    found = [(MOVED, 0, BOND_STENCIL), *_exchanged(tables, NEIGHBOURS, [SLOTS + NEIGHBOURS], lines, ahead=False)]
-    found += [(STRETCH, axis, NEIGHBOURS) for axis in (2, 1, 0) if has_layers(layers, axis)]
-    return [*found, (DRAG, 0, BOND_STENCIL)]
+    lines = _present((LINES, has_layers(layers, 2)), number=NEIGHBOURS)
+    steps = [
+        (KEEP_INCREMENTS, 0, BOND_STENCIL),
+        *_exchanged(tables, NEIGHBOURS, [SLOTS + NEIGHBOURS], lines, ahead=False),
+    ]
+    steps += [(STRETCH, axis, NEIGHBOURS) for axis in (2, 1, 0) if has_layers(layers, axis)]
+    return [*steps, (DRAG, 0, BOND_STENCIL)]
 
 
 def _in_layers(tables: Tables, number: int, plain: list[Operation]) -> list[Operation]:
     """Operations of a pass whose halo is filled; `plain` ones compute the sums with plain shifts."""
     axes = [axis for axis in (2, 1, 0) if has_layers(pass_of(tables, number).layers, axis)]
-    return _chosen((LINES, 2 in axes), number=number) + plain + [(STRETCH, axis, number) for axis in axes]
+    return _present((LINES, 2 in axes), number=number) + plain + [(STRETCH, axis, number) for axis in axes]
 
 
 def pass_of(tables: Tables, number: int) -> Pass:
     """Return the sums of a pass."""
     if number == BOND_STENCIL:
         n = tables.components
-        return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
-    beside = tables.gradient_pass, tables.divergence_pass, tables.pushes, tables.traces, tables.neighbours
-    return beside[number - GRADIENT]
+        return Pass(tables.sweep, tables.layers, n, n, tables.cuts, tables.surface)
+    passes: tuple[Pass, ...] = tuple(getattr(tables, name) for name in FURTHER_PASSES)
+    return passes[number - GRADIENT]
 
 
 def _sums(
     tables: Tables, number: int, halo: bool = False, ahead: bool = False, before: Sequence[Operation] = ()
 ) -> list[Operation]:
-    """Operations of one pass.
-
-    Parameters
-    ----------
-    tables : Tables
-    number : int
-        Number of the pass.
-    halo : bool
-        Whether to fill the halo of the field that it reads.
-    ahead : bool
-        Whether rows that need no halo may be swept in the meantime.
-    before : sequence of operations
-        Operations between filling the halo and the sweep.
+    """Operations of one pass: it may fill the halo of the field that it reads, sweep rows that need no halo in the
+    meantime (`ahead`), and do something `before` the sweep.
     """
-    _, layers, cuts, *_ = pass_of(tables, number)
+    operands = pass_of(tables, number)
+    layers, cuts = operands.layers, operands.cuts
     axes = [axis for axis in (2, 1, 0) if has_layers(layers, axis)]
-    lines = _chosen((LINES, 2 in axes), number=number)
-    found = _chosen((COPY, halo and tables.copies.size), number=number)
-    found += _exchanged(tables, number, [LEVEL] * halo + [SLOTS + number], lines, ahead)
-    found += [*before, *_chosen((SWEEP, 1), (CUT, cuts.nodes.size), number=number)]
-    return found + [(STRETCH, axis, number) for axis in axes]
+    lines = _present((LINES, 2 in axes), number=number)
+    steps = _present((COPY, halo and tables.copies.size), number=number)
+    steps += _exchanged(tables, number, [LEVEL] * halo + [SLOTS + number], lines, ahead)
+    steps += [*before, *_present((SWEEP, 1), (CUT, cuts.nodes.size), number=number)]
+    return steps + [(STRETCH, axis, number) for axis in axes]
 
 
 def _exchanged(
@@ -311,19 +268,20 @@ def _exchanged(
     The layers continue the field along lines of the last axis, which needs no halo, before their results are sent. If
     `ahead`, rows that need no halo are swept in the meantime.
     """
-    every = {axis: [3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in HALOS}
-    axes = [axis for axis, messages in every.items() if messages]
+    along = {axis: [3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in HALOS}
+    axes = [axis for axis, messages in along.items() if messages]
     hidden = [axis for axis in axes if axis < 2 and ahead and tables.free.any()]
-    done = [] if axes else lines
+    steps = [] if axes else lines
     for axis in axes:
         levels, slots = (
-            [(SEND, one, number) for one in every[axis] if (one // 3 == LEVEL) == level] for level in (True, False)
+            [(SEND, message, number) for message in along[axis] if (message // 3 == LEVEL) == level]
+            for level in (True, False)
         )
-        done += levels + lines * (axis == axes[0]) + slots
+        steps += levels + lines * (axis == axes[0]) + slots
         if axis in hidden:
-            done.append((AHEAD, 2 * hidden.index(axis) + len(hidden) - 1, number))
-        done += [(RECEIVE, one, number) for one in every[axis]]
-    return done
+            steps.append((AHEAD, 2 * hidden.index(axis) + len(hidden) - 1, number))
+        steps += [(RECEIVE, message, number) for message in along[axis]]
+    return steps
 
 
 def is_used(tables: Tables, kind: int, axis: int) -> bool:
@@ -335,16 +293,19 @@ def beginning_operations(tables: Tables) -> list[Operation]:
     """Operations of the operator that initialise the memory of stretched derivatives, which then adds nothing to
     them.
     """
-    begins = (STRETCH_STATES, STRETCH_FORCES)
-    return [(one[0], 1 if one[0] in begins else one[1], one[2]) for one in operator_operations(tables, breaking=False)]
+    return [
+        (operation, 1 if operation in (STRETCH_STATES, STRETCH_FORCES) else number, which)
+        for operation, number, which in operator_operations(tables, breaking=False)
+    ]
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:
     """Operations of the operator with plain shifts, using the halo of the level as it is."""
+    plain = (SWEEP, CUT, LAW, DAMAGED, THERMAL_FORCES, THERMAL_FORCES_BEYOND)
     return [
-        one
-        for one in operator_operations(tables, breaking=False)
-        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT, HEAT_BEYOND) or (one[2] == DIVERGENCE and _fills_level(*one[:2]))
+        step
+        for step in operator_operations(tables, breaking=False)
+        if step[0] in plain or (step[2] == DIVERGENCE and _fills_level(*step[:2]))
     ]
 
 
@@ -353,15 +314,15 @@ def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
     results.
     """
     return [
-        one
-        for one in sweep_operations(tables)
-        if one[2] == GRADIENT or (halo and one[2] == DIVERGENCE and _fills_level(*one[:2]))
+        step
+        for step in sweep_operations(tables)
+        if step[2] == GRADIENT or (halo and step[2] == DIVERGENCE and _fills_level(*step[:2]))
     ]
 
 
 def layered_states(tables: Tables) -> list[Operation]:
     """Operations that compute the states of nodes, layers included, for a level whose halo is filled."""
-    return [one for one in operator_operations(tables, breaking=False) if one[2] == GRADIENT]
+    return [step for step in operator_operations(tables, breaking=False) if step[2] == GRADIENT]
 
 
 def _fills_level(operation: int, number: int) -> bool:
@@ -388,7 +349,9 @@ def without_heat(tables: Tables) -> Tables:
         sweep=tables.gradient_pass.sweep._replace(law=law._replace(thermal_strain=law.thermal_strain[:0]))
     )
     bonds = tables.bonds._replace(thermal_strain=np.zeros_like(tables.bonds.thermal_strain))
-    return tables._replace(heat=no_heat(law.values.dtype), bonds=bonds, gradient_pass=gradient_pass)
+    return tables._replace(
+        heat=with_defaults(ThermalStrains, law.values.dtype), bonds=bonds, gradient_pass=gradient_pass
+    )
 
 
 def without_contact(tables: Tables) -> Tables:
@@ -404,31 +367,26 @@ def _later(gradient_pass: Pass) -> bool:
     return bool((law.first > 0).any() or (law.end < nodes).any())
 
 
-def _chosen(*wanted: tuple[int, int], number: int = BOND_STENCIL) -> list[Operation]:
+def _present(*pairs: tuple[int, int], number: int = BOND_STENCIL) -> list[Operation]:
     """Operations of those pairs (operation, whether there is anything to do) that have something to do."""
-    return [(operation, 0, number) for operation, there in wanted if there]
+    return [(operation, 0, number) for operation, something in pairs if something]
 
 
 def check_room(tables: Tables, inputs: Inputs, steps: int) -> None:
-    """Check that the tables that the loop indexes by step and stage without checking bounds are large enough; the clock
-    of exact ends counts once per stage.
-
-    Raises
-    ------
-    IndexError
-        If one of them is too small.
+    """Raise an IndexError if a table that the loop indexes by step and stage without checking bounds is too small; the
+    clock of exact ends counts once per stage.
     """
     stages, ends = len(tables.numbers), tables.ends
     clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0
-    fields, sums, held = inputs.source_fields, inputs.dependent_fields, len(inputs.held)
+    fields, dependent, held = inputs.source_fields, inputs.dependent_fields, len(inputs.held)
     for name, shape, least in (
         ("history", ends.history.shape[1:2], (clock,)),
         ("source_times", inputs.source_times.shape, (steps, stages, len(fields))),
         ("source_fields", fields.shape[1:], (len(inputs.source_nodes) if len(fields) else 0,)),
         ("held_values", inputs.held_values.shape, (steps if held else 0, held)),
         ("held_forces", inputs.held_forces.shape, (0, held if len(inputs.held_forces) else 0)),
-        ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(sums))),
-        ("dependent_fields", sums.shape[1:], (len(tables.dependents.nodes),)),
+        ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(dependent))),
+        ("dependent_fields", dependent.shape[1:], (len(tables.dependents.nodes),)),
     ):
         if len(shape) != len(least) or any(have < want for have, want in zip(shape, least, strict=True)):
             raise IndexError(

@@ -13,56 +13,53 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.layout import aligned_zeros
+from farhorizon.engine.layout import aligned_zeros, doubles, ints
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import BUNDLE, WINDOW, clear, move_up, window_sums
+from farhorizon.engine.rows.runs import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.threads import barrier, chunk_of
 
 
 class OutlineStencil(NamedTuple):
-    """Halo nodes along an outline, and the sums that yield their values.
-
-    Attributes
-    ----------
-    nodes : ndarray of unsigned int, shape (S,)
-        Places in a level of the nodes of the fringe: all that any sum reads, and those whose values are sums.
-    history : ndarray, shape (S, L)
-        Values one step ago (first), two steps ago and so on; a step shifts them by one and puts the present values
-        first.
-    outside : ndarray of int, shape (N, 2)
-        First and last + 1 of runs of nodes beyond the halo, which stay at zero.
-    fronts, owners, starts, places, kinds, table, new_starts, new_nodes, new_weights : ndarray
-        Sums, see `split_sums`. Those of a front read only those new values that belong to earlier fronts.
+    """Halo nodes along an outline, and the sums that yield their values: fronts of bundles, each with `BUNDLE` sums
+    over the same number of windows. Those of a front read only those new values that belong to earlier fronts.
     """
 
-    nodes: np.ndarray
-    history: np.ndarray
-    outside: np.ndarray
-    fronts: np.ndarray
-    owners: np.ndarray
+    # Places in a level of the S nodes of the fringe: all that any sum reads, and those whose values are sums.
+    nodes: np.ndarray = ints(0, bits="uint32")
+    # Values one step ago (first), two steps ago and so on, shape (S, L); a step shifts them by one and puts the present
+    # values first.
+    history: np.ndarray = doubles(0, 0)
+    outside: np.ndarray = ints(0, 2)  # first and last + 1 of runs of nodes beyond the halo, which stay at zero
+    fronts: np.ndarray = ints(1)  # bundles of each front, shape (F + 1,)
+    # Place in a level of the node to which each sum of a bundle belongs; the last one is repeated to fill the bundle.
+    owners: np.ndarray = ints(0, BUNDLE, bits="uint32")
+    # Compressed bundles: positions of the windows in the history, in bytes, side by side for the sums of a bundle.
+    starts: np.ndarray = ints(1, bits="uint32")
+    places: np.ndarray = ints(0, BUNDLE, bits="uint32")
+    # First window of a sum in `table`, the weights: equal sums share them, which keeps them in the cache.
+    kinds: np.ndarray = ints(0, BUNDLE, bits="uint32")
+    table: np.ndarray = doubles(0, WINDOW)
+    # Compressed sums, one after the other: nodes whose value at the new step enters, and their weights.
+    new_starts: np.ndarray = ints(1, bits="uint32")
+    new_nodes: np.ndarray = ints(0, bits="uint32")
+    new_weights: np.ndarray = doubles(0)
+
+
+class FringeSums(NamedTuple):
+    """Sums over values of a fringe of S nodes at several steps, which yield those of some of its nodes."""
+
+    fronts: np.ndarray  # rows of each front, shape (F + 1,)
+    rows: np.ndarray  # position in the fringe of the node to which a sum belongs, shape (R,)
+    # Compressed rows; column ``level * S + place`` is the value at a position in the fringe `level` steps before the
+    # new one.
     starts: np.ndarray
-    places: np.ndarray
-    kinds: np.ndarray
-    table: np.ndarray
-    new_starts: np.ndarray
-    new_nodes: np.ndarray
-    new_weights: np.ndarray
+    columns: np.ndarray
+    weights: np.ndarray
 
 
-def outline_table(
-    nodes: np.ndarray,
-    levels: int,
-    fronts: np.ndarray,
-    rows: np.ndarray,
-    starts: np.ndarray,
-    columns: np.ndarray,
-    weights: np.ndarray,
-    outside: np.ndarray,
-) -> OutlineStencil:
-    """Return the tables of halo nodes along an outline that are sums over a fringe of `nodes`, see `split_sums`, and of
-    places `outside` that stay at zero.
-
-    `rows` are the positions in the fringe of the nodes with sums. The history is zero; a step drops its last row.
+def outline_table(nodes: np.ndarray, levels: int, sums: FringeSums, outside: np.ndarray) -> OutlineStencil:
+    """Return the tables of halo nodes along an outline that are sums over a fringe of `nodes`, and of places `outside`
+    that stay at zero. The history of so many levels, less the present one, is zero.
     """
     count = nodes.size * (levels - 1)
     # the last windows extend beyond it
@@ -73,57 +70,14 @@ def outline_table(
         if outside.size
         else np.zeros((0, 2))
     )
-    sums = split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels)
-    return OutlineStencil(nodes.astype(np.uint32), history, runs.astype(np.int64), *sums)
+    stencil = OutlineStencil(nodes=nodes.astype(np.uint32), history=history, outside=runs.astype(np.int64))
+    return stencil._replace(**_bundles(sums, nodes, levels))
 
 
-def no_outline() -> OutlineStencil:
-    """Return tables without an outline."""
-    none, one = np.zeros(0, np.int64), np.zeros(1, np.int64)
-    return outline_table(none, 1, one, none, one, none, np.zeros(0), none)
-
-
-def split_sums(
-    fronts: np.ndarray,
-    rows: np.ndarray,
-    starts: np.ndarray,
-    columns: np.ndarray,
-    weights: np.ndarray,
-    nodes: np.ndarray,
-    levels: int,
-) -> tuple[np.ndarray, ...]:
-    """Convert sums over values at several steps to the form that the compiled loop needs: bundles of sums over windows,
-    and new values separately.
-
-    Parameters
-    ----------
-    fronts : ndarray of int, shape (F + 1,)
-        Rows of each front.
-    rows : ndarray of int, shape (R,)
-        Position in the fringe of the node to which a sum belongs.
-    starts, columns, weights : ndarray
-        Compressed rows; column ``level * S + place`` is the value at a position in the fringe `level` steps before the
-        new one.
-    nodes : ndarray of int, shape (S,)
-        Places in a level of the nodes of the fringe.
-    levels : int
-
-    Returns
-    -------
-    fronts : ndarray of int, shape (F + 1,)
-        Bundles of each front.
-    owners : ndarray of unsigned int, shape (B, BUNDLE)
-        Place in a level of the node to which each sum of a bundle belongs; the last one is repeated to fill the bundle.
-    starts, places : ndarray of unsigned int
-        Compressed bundles: positions of the windows in the history, in bytes, side by side for the sums of a bundle.
-    kinds : ndarray of unsigned int, shape (B, BUNDLE)
-        First window of a sum in `table`: equal sums share them, which keeps them in the cache.
-    table : ndarray, shape (T, WINDOW)
-        Weights.
-    new_starts, new_nodes : ndarray of unsigned int
-        Compressed sums, one after the other: nodes whose value at the new step enters.
-    new_weights : ndarray
-    """
+def _bundles(sums: FringeSums, nodes: np.ndarray, levels: int) -> dict[str, np.ndarray]:
+    """Convert sums to what the compiled loop needs: bundles of sums over windows, and new values separately."""
+    fronts, rows, starts, columns, weights = sums
+    weights = np.asarray(weights, float)
     owner = np.repeat(np.arange(len(rows)), np.diff(starts))
     level, place = np.divmod(columns.astype(np.int64), max(nodes.size, 1))
     known = level > 0
@@ -133,18 +87,21 @@ def split_sums(
     new_first = np.searchsorted(owner[~known], np.arange(len(rows) + 1))
     kinds, table = _shared_rows(first, table)
     bundles, ends = _bundled(fronts, np.diff(first))
-    sums, places = bundles.ravel(), _gathered(first, bundles)
-    fresh = _gathered(new_first, sums[:, None])[:, 0]
-    unsigned = (
-        nodes[rows[bundles]],
-        _starts(np.diff(first)[bundles[:, 0]]),
-        8 * windows[places],
-        kinds[bundles],
-        _starts(np.diff(new_first)[sums]),
-        nodes[place[~known]][fresh],
-    )
-    owners, starts, places, kinds, new_starts, new_nodes = (a.astype(np.uint32) for a in unsigned)
-    return ends, owners, starts, places, kinds, table, new_starts, new_nodes, weights[~known][fresh]
+    in_order, places = bundles.ravel(), _gathered(first, bundles)
+    new_entries = _gathered(new_first, in_order[:, None])[:, 0]
+    unsigned = {
+        "owners": nodes[rows[bundles]],
+        "starts": _starts(np.diff(first)[bundles[:, 0]]),
+        "places": 8 * windows[places],
+        "kinds": kinds[bundles],
+        "new_starts": _starts(np.diff(new_first)[in_order]),
+        "new_nodes": nodes[place[~known]][new_entries],
+    }
+    return {name: values.astype(np.uint32) for name, values in unsigned.items()} | {
+        "fronts": ends,
+        "table": table,
+        "new_weights": weights[~known][new_entries],
+    }
 
 
 def _windows(
@@ -206,9 +163,9 @@ def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 @njit(error_model="numpy", cache=True, entry=False)
-def fill_outline(thread, stage, outline_stencil):
+def fill_outline(thread, stage, stencil):
     """Set the values of the halo nodes in the new level of a step; one thread's share."""
-    nodes, history, src, base, out = outline_stencil.nodes, outline_stencil.history, stage.src, stage.base, stage.out
+    nodes, history, src, base, out = stencil.nodes, stencil.history, stage.src, stage.base, stage.out
     first, last = chunk_of(thread, nodes.size)
     present, read = history[first:last, 0], nodes[first:last]
     # all at once: the last value of a node makes room for the present one of the next node
@@ -216,31 +173,20 @@ def fill_outline(thread, stage, outline_stencil):
         move_up(present.ctypes.data, (last - first) * history.shape[1] - 1)
     for i in range(last - first):
         present[i] = src[read[i]]
-    first, last = chunk_of(thread, len(outline_stencil.outside))
+    first, last = chunk_of(thread, len(stencil.outside))
     for run in range(first, last):
-        start, count = (
-            outline_stencil.outside[run, 0],
-            outline_stencil.outside[run, 1] - outline_stencil.outside[run, 0],
-        )
+        start, count = stencil.outside[run, 0], stencil.outside[run, 1] - stencil.outside[run, 0]
         clear(out.ctypes.data + start * out.itemsize, count, out[0])
         if stage.increments:
             clear(base.ctypes.data + start * out.itemsize, count, out[0])
     barrier(thread)
-    owners, starts, kinds = outline_stencil.owners, outline_stencil.starts, outline_stencil.kinds
-    new_starts, new_nodes, new_weights = (
-        outline_stencil.new_starts,
-        outline_stencil.new_nodes,
-        outline_stencil.new_weights,
-    )
+    owners, starts, kinds = stencil.owners, stencil.starts, stencil.kinds
+    new_starts, new_nodes, new_weights = stencil.new_starts, stencil.new_nodes, stencil.new_weights
     memory, totals, width = history.ctypes.data, np.empty(BUNDLE), 8 * WINDOW
-    first_place, first_weight, sums = (
-        outline_stencil.places.ctypes.data,
-        outline_stencil.table.ctypes.data,
-        totals.ctypes.data,
-    )
-    for front in range(outline_stencil.fronts.size - 1):
-        begin = outline_stencil.fronts[front]
-        first, last = chunk_of(thread, outline_stencil.fronts[front + 1] - begin)
+    first_place, first_weight, sums = stencil.places.ctypes.data, stencil.table.ctypes.data, totals.ctypes.data
+    for front in range(stencil.fronts.size - 1):
+        begin = stencil.fronts[front]
+        first, last = chunk_of(thread, stencil.fronts[front + 1] - begin)
         for bundle in range(begin + first, begin + last):
             start, stop = np.int64(starts[bundle]), np.int64(starts[bundle + 1])
             window_sums(

@@ -12,26 +12,25 @@ its own state counts: ``sum_k D_k (p_k + p_i)`` over the bonds that are present.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.field import Field
-from farhorizon.engine.layer_cuts import cut_layers
+from farhorizon.engine.layer_passes import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
-from farhorizon.engine.layout import aligned_zeros
-from farhorizon.engine.operations import Pass, layered_states, state_operations
-from farhorizon.engine.point_law import CHUNK, LawRows, PointLaw
-from farhorizon.engine.rows.build import load_map
+from farhorizon.engine.layout import aligned_zeros, with_defaults
+from farhorizon.engine.operations import layered_states, state_operations
+from farhorizon.engine.point_law import CHUNK, PointLaw
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.shape_tensors import harmonic_eigenvalue
-from farhorizon.engine.stretches import Stretches, no_stretches, stretches_of, without_bonds
-from farhorizon.engine.surface import no_surface, surface_of
-from farhorizon.engine.surface_laws import law_rows
-from farhorizon.engine.tables import Cuts, Sweep
+from farhorizon.engine.stretches import Stretches, stretches_of, without_bonds
+from farhorizon.engine.surface import law_rows, surface_of
+from farhorizon.engine.tables import Cuts, Pass, Sweep
 from farhorizon.errors import InputError
 
 _STRAIGHT = 1e-9  # off-diagonal entries of a shape tensor that are rounding
@@ -39,75 +38,36 @@ _STRAIGHT = 1e-9  # off-diagonal entries of a shape tensor that are rounding
 
 @dataclass(frozen=True)
 class StateSums:
-    """The two passes of an operator, on the offsets of its springs.
+    """The two passes of an operator, on the K offsets of its springs, see `farhorizon.medium.force_states`."""
 
-    Attributes
-    ----------
-    gradient : ndarray, shape (K, n, d)
-    divergence : ndarray, shape (K, d, n)
-        In units of the operator.
-    shapes : ndarray, shape (K, e, e)
-    law : callable
-    moduli : ndarray, shape (3,), or (3, ...) with the shape of the core
-    signs : tuple of (int, int, int)
-        See `farhorizon.medium.force_states`.
-    kept : bool
-        Whether bonds that are cut or break leave the shape tensors of their nodes unchanged.
-    released : ndarray, shape (K, 3), or None
-        For bonds that break by the energy lost with them: that energy, in units of the operator.
-    unweakened : bool
-        Whether nodes bear all of their stress down to the last of their bonds, see `engine.shape_tensors.stress_left`.
-    phi : ndarray, shape (d, *core), optional
-        Rates of the stretch of the derivatives along each axis, see `farhorizon.engine.stretches`.
-    alpha : ndarray, shape of the core, optional
-        Shift alpha of that stretch.
-    """
-
-    gradient: np.ndarray
-    divergence: np.ndarray
-    shapes: np.ndarray
+    gradient: np.ndarray  # shape (K, n, d)
+    divergence: np.ndarray  # in units of the operator, shape (K, d, n)
+    shapes: np.ndarray  # shape (K, e, e)
     law: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    moduli: np.ndarray
+    moduli: np.ndarray  # shape (3,), or (3, ...) with the shape of the core
     signs: Signs
-    kept: bool = False
+    kept: bool = False  # whether bonds that are cut or break leave the shape tensors of their nodes unchanged
+    # For bonds that break by the energy lost with them: that energy, in units of the operator; shape (K, 3).
     released: np.ndarray | None = None
+    # Whether nodes bear all of their stress down to the last of their bonds, see `engine.shape_tensors.stress_left`.
     unweakened: bool = False
+    # Rates of the stretch of the derivatives along each axis, shape (d, *core), and its shift alpha, shape of the core;
+    # see `engine.stretches`.
     phi: np.ndarray | None = None
     alpha: np.ndarray | None = None
 
 
 class Passes:
-    """The two passes of an engine.
+    """The two passes of an engine that already has its layout."""
 
-    Parameters
-    ----------
-    engine : Field
-        Engine that already has its layout.
-    sums : StateSums
-    recursion : mapping
-        Recursion coefficients of the layers, see `LayerTables`.
-    """
-
-    def __init__(
-        self, engine: Field, sums: StateSums, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]
-    ) -> None:
+    def __init__(self, engine: Field, sums: StateSums) -> None:
         self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.layout, self.offsets, self.dtype, self.sums = engine.layout, engine.offsets, engine.dtype, sums
         vector = signs_of(engine.components)
         self.weights = sums.gradient, sums.divergence
         self.signs = (vector, sums.signs), (sums.signs, vector)
         self.layer_tables = tuple(
-            LayerTables(
-                self.layout,
-                self.offsets,
-                weights,
-                *signs,
-                recursion,
-                self.dtype,
-                engine.kept,
-                engine.remember,
-                stages=len(engine.stages.numbers),
-            )
+            LayerTables(engine.layer_setup, weights, *signs)
             for weights, signs in zip(self.weights, self.signs, strict=True)
         )
         self.stretches = self._stretches()
@@ -118,14 +78,14 @@ class Passes:
         """Return the stretches of nodes with all their bonds."""
         phi, alpha, dim = self.sums.phi, self.sums.alpha, self.engine.components
         if phi is None or alpha is None:
-            return no_stretches(self.dtype)
+            return with_defaults(Stretches, self.dtype)
         return stretches_of(
             self.layout.box,
             phi,
             alpha,
             self.engine.dt,
             np.ascontiguousarray(self.sums.divergence[:, 0, :dim]).astype(self.dtype),
-            self.offsets @ np.array(self.layout.box.stride),
+            self.layout.distances,
         )
 
     def stretch_tables(self) -> Stretches:
@@ -134,7 +94,7 @@ class Passes:
 
     def tables(self, bond_stencil: Sweep) -> tuple[Pass, Pass]:
         """Return the tables of both passes with all bonds; the box is divided as for the sweep of the springs."""
-        none, found = np.zeros(0, np.int64), []
+        passes = []
         for number, (weights, signs) in enumerate(zip(self.weights, self.signs, strict=True)):
             rows, columns = weights.shape[1:]
             blocks = self.engine.components if equal_blocks(weights, self.engine.components) else 1
@@ -145,13 +105,13 @@ class Passes:
                 function=function,
                 blocks=blocks,
                 weights=(scale * row).astype(self.dtype),
-                offsets=self.offsets @ np.array(self.layout.box.stride),
+                offsets=self.layout.distances,
                 general=(scale * weights.ravel()).astype(self.dtype),
-                law=no_law(self.engine) if number else self._law(),
+                law=with_defaults(PointLaw, self.dtype) if number else self._law(),
             )
-            cuts, surface = Cuts(none, none, np.zeros(0, self.dtype)), no_surface(self.dtype)
-            found.append(Pass(sweep, self.layer_tables[number].layers, cuts, surface, columns, rows))
-        return found[0], found[1]
+            layers = self.layer_tables[number].layers
+            passes.append(with_defaults(Pass, self.dtype, sweep=sweep, layers=layers, columns=columns, rows=rows))
+        return passes[0], passes[1]
 
     def _compiled(
         self, weights: np.ndarray, signs: tuple[Signs, Signs], blocks: int, form: str
@@ -164,17 +124,8 @@ class Passes:
     def leave_out(
         self, nodes: np.ndarray, neighbours: np.ndarray, bare_nodes: np.ndarray, bare: np.ndarray, exists: np.ndarray
     ) -> None:
-        """Set the bonds that are absent from now on.
-
-        Parameters
-        ----------
-        nodes, neighbours : ndarray of int, shape (n,)
-            Ends of bonds that are cut, one entry per direction, in the order of the nodes.
-        bare_nodes : ndarray of int, shape (S,)
-            Nodes with bonds of which only one end exists.
-        bare : ndarray of bool, shape (K, S)
-            For each of these nodes, which bonds these are.
-        exists : ndarray of bool, shape (places,)
+        """Set the bonds that are absent from now on: cut ones by place, one entry per direction in the order of the
+        nodes, and for S nodes which of their bonds have only one end that exists, shape (K, S).
 
         Raises
         ------
@@ -197,38 +148,38 @@ class Passes:
 
     def _shapes_beside(self, missing: _MissingBonds) -> tuple[np.ndarray, np.ndarray]:
         """Shape tensors of nodes that lack bonds: those that the law uses, and those of the remaining bonds."""
-        whole = np.eye(self.sums.shapes.shape[1])
+        intact = np.eye(self.sums.shapes.shape[1])
         bare, cut = missing.sums(self.sums.shapes)
-        return whole - bare - (0 if self.sums.kept else cut), whole - bare - cut
+        return intact - bare - (0 if self.sums.kept else cut), intact - bare - cut
 
     def _cut_passes(self, missing: _MissingBonds) -> tuple[Pass, Pass]:
         """Return both passes without these bonds."""
-        engine, there, found = self.engine.tables, missing.there, []
+        engine, exists, passes = self.engine.tables, missing.deficient_exist, []
         both = zip((engine.gradient_pass, engine.divergence_pass), self.weights, self.layer_tables, strict=True)
-        for number, (given, weights, tables) in enumerate(both):
+        for number, (before, weights, tables) in enumerate(both):
             bare, cut = missing.sums(weights)
-            own, of_cut = bare if number == 0 else -bare - 2 * cut, weights[missing.bonds]
-            found.append(
-                given._replace(
+            surface, of_cut = bare if number == 0 else -bare - 2 * cut, weights[missing.bonds]
+            passes.append(
+                before._replace(
                     cuts=Cuts(missing.nodes, missing.neighbours, of_cut.astype(self.dtype).ravel()),
                     layers=cut_layers(tables, missing.nodes, missing.neighbours, of_cut),
-                    surface=surface_of(self.layout.box, missing.deficient[there], own[there].astype(self.dtype)),
+                    surface=surface_of(self.layout.box, missing.deficient[exists], surface[exists].astype(self.dtype)),
                 )
             )
-        return found[0], found[1]
+        return passes[0], passes[1]
 
     def _law_beside(self, law: PointLaw, missing: _MissingBonds, shapes: np.ndarray, left: np.ndarray) -> PointLaw:
         """Return the law with matrices of nodes that lack bonds, one for all nodes with the same tensors and moduli."""
-        dim, deficient, there = shapes.shape[1], missing.deficient, missing.there
-        tensors = [one[there].round(14).reshape(-1, dim * dim) for one in (shapes, left)]
-        kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(deficient[there])]), axis=0, return_inverse=True)
+        dim, deficient, exist = shapes.shape[1], missing.deficient, missing.deficient_exist
+        tensors = [tensor[exist].round(14).reshape(-1, dim * dim) for tensor in (shapes, left)]  # equal up to rounding
+        kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(deficient[exist])]), axis=0, return_inverse=True)
         nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
         of_law, present = kinds[:, :-3].reshape(-1, 2, dim, dim).swapaxes(0, 1)
         matrices = np.concatenate([nothing, self.sums.law(of_law, kinds[:, -3:])]).astype(self.dtype)
         of_node = np.zeros(len(deficient), np.int64)
-        of_node[there] = 1 + numbers.ravel()
+        of_node[exist] = 1 + numbers.ravel()
         rows = law_rows(self.layout.box, deficient, of_node, matrices)
-        first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(missing.nodes) else self._whole()
+        first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(missing.nodes) else self._complete_box()
         return law._replace(
             nodes=deficient.astype(np.int64),
             numbers=of_node,
@@ -264,7 +215,7 @@ class Passes:
         count, dim = len(self.sums.signs), shapes.shape[1]
         return shapes.reshape(-1, dim * dim) if count > 1 else np.trace(shapes, axis1=1, axis2=2)[:, None]
 
-    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
+    def _complete_box(self) -> tuple[np.ndarray, np.ndarray]:
         """First node, and last + 1, of the box of nodes to whose states no layer adds."""
         layout, m = self.layout, np.array(self.layout.reach)
         if self.sums.phi is not None:
@@ -274,7 +225,7 @@ class Passes:
         return first, np.maximum(first, layout.box.nodes - np.where(layered[1], np.array(layout.high) + m, 0))
 
     def _unstretched(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return `_whole` for stretched derivatives, which exclude other layers."""
+        """Return `_complete_box` for stretched derivatives, which exclude other layers."""
         first, end = np.zeros(3, np.int64), np.array(self.layout.box.nodes)
         free = ~np.any(np.asarray(self.sums.phi) > 0, axis=0)
         for axis in range(3):
@@ -285,36 +236,38 @@ class Passes:
     def _law(self) -> PointLaw:
         """Return the law of nodes with all their bonds."""
         none, count = np.zeros(0, np.int64), len(self.sums.signs)
-        whole, moduli = np.eye(self.sums.shapes.shape[1])[None], self.sums.moduli
-        bases = np.concatenate([self.sums.law(whole, unit[None]) for unit in np.eye(3)])
+        identity, moduli = np.eye(self.sums.shapes.shape[1])[None], self.sums.moduli
+        bases = np.concatenate([self.sums.law(identity, unit[None]) for unit in np.eye(3)])
         varies = moduli.ndim > 1
-        local = np.stack([self.engine.spread(one) for one in moduli]) if varies else np.zeros((3, 0))
+        local = np.stack([self.engine.spread(modulus) for modulus in moduli]) if varies else np.zeros((3, 0))
         middle, real = moduli.reshape(3, -1)[:, 0], self.dtype.name
         intact = np.einsum("c,cab->ab", middle, bases).astype(self.dtype)
         some = tuple(tuple(np.flatnonzero(row).tolist()) for row in np.any(bases, axis=0))
-        every, nothing = (tuple(range(count)),) * count, np.zeros((1, count, count), self.dtype)
-        laws = ((some, False), (every, False), (every, True))  # indexed by `WHOLE`, `ALIKE`, `EACH`
-        return PointLaw(
-            aligned_zeros(count * self.layout.size, self.dtype),
-            np.array([load_map(entries, count, each, False, real) for entries, each in laws]),
-            np.ascontiguousarray(intact),
-            none,
-            none,
-            nothing,
-            law_rows(self.layout.box, none, none, nothing),
-            np.full(1, not self.sums.unweakened, self.dtype),
-            middle.astype(self.dtype),
-            local.astype(self.dtype),
-            bases.astype(self.dtype),
-            self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
-            self.sums.kept or self.sums.released is not None,
-            *self._whole(),
-            np.zeros((self.engine.threads, count, CHUNK), self.dtype),
-            np.zeros(0, self.dtype),
-            self.dtype.type(1),
-            self._units(whole)[0].astype(self.dtype),
-            np.zeros((1, count), self.dtype),
-            np.zeros((0, 0), self.dtype),
+        dense, nothing = (tuple(range(count)),) * count, np.zeros((1, count, count), self.dtype)
+        functions = [  # indexed by `WHOLE`, `ALIKE`, `EACH`
+            load_rows("map_rows", entries=entries, columns=count, each=each, added=False, real=real)[0]
+            for entries, each in ((some, False), (dense, False), (dense, True))
+        ]
+        first, end = self._complete_box()
+        return with_defaults(
+            PointLaw,
+            self.dtype,
+            values=aligned_zeros(count * self.layout.size, self.dtype),
+            functions=np.array(functions),
+            intact=np.ascontiguousarray(intact),
+            matrices=nothing,
+            rows=law_rows(self.layout.box, none, none, nothing),
+            harmonic_eigenvalue=np.full(1, not self.sums.unweakened, self.dtype),
+            moduli=middle.astype(self.dtype),
+            local=local.astype(self.dtype),
+            bases=bases.astype(self.dtype),
+            shapes=self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
+            kept=self.sums.kept or self.sums.released is not None,
+            first=first,
+            end=end,
+            room=np.zeros((self.engine.threads, count, CHUNK), self.dtype),
+            unit=self._units(identity)[0].astype(self.dtype),
+            units=np.zeros((1, count), self.dtype),
         )
 
     def energy_of_heat(self) -> np.ndarray:
@@ -322,21 +275,21 @@ class Passes:
         the current states must be those of such nodes.
         """
         engine, law, bonds = self.engine, self.engine.tables.gradient_pass.sweep.law, self.engine.tables.bonds
-        found, dim = np.zeros(self.layout.size), self.sums.shapes.shape[1]
+        energy, dim = np.zeros(self.layout.size), self.sums.shapes.shape[1]
         nodes = self.layout.box.node_indices().ravel()
         thermal_strain, shapes = law.thermal_strain.astype(float), np.zeros((len(nodes), dim, dim))
         for k, distance in enumerate(bonds.places[:, 0]):
-            there = bonds.alive[k >> 6, nodes] >> np.uint64(k & 63) & np.uint64(1) != 0
-            shapes += there[:, None, None] * self.sums.shapes[k]
+            alive = bonds.alive[k >> 6, nodes] >> np.uint64(k & 63) & np.uint64(1) != 0
+            shapes += alive[:, None, None] * self.sums.shapes[k]
             factors = factors_of(engine.tables.material, nodes, nodes + distance)
             spring = law.arms[k] @ engine.weights[k] @ law.arms[k]
-            found[nodes] += (
-                there * factors * spring * (thermal_strain[nodes] + thermal_strain[nodes + distance]) ** 2 / 16
+            energy[nodes] += (
+                alive * factors * spring * (thermal_strain[nodes] + thermal_strain[nodes + distance]) ** 2 / 16
             )
         states = law.values.reshape(len(self.sums.signs), -1)[:, nodes]
         strained = float(law.spacing) * thermal_strain[nodes, None] * self._units(shapes)
-        found[nodes] -= self._unit * (states.T * strained).sum(1) / 2
-        return found
+        energy[nodes] -= self._unit * (states.T * strained).sum(1) / 2
+        return energy
 
     @property
     def _unit(self) -> float:
@@ -344,17 +297,18 @@ class Passes:
         gradient, divergence = self.sums.gradient[:, 0, 0], self.sums.divergence[:, 0, 0]
         return float(divergence @ gradient / (gradient @ gradient))
 
-    def states_of(self, level: np.ndarray, cold: bool = True, halo: bool = False, layered: bool = False) -> np.ndarray:
+    def states_of(
+        self, level: np.ndarray, thermal: bool = False, halo: bool = False, layered: bool = False
+    ) -> np.ndarray:
         """Results of the law for the states of a level, as a level with that many components, which the next step
-        overwrites.
+        overwrites; the halo of `level` is filled, and that of the states if `halo` is set.
 
-        If `cold`, thermal strains are left out. The halo of `level` is filled, and that of the states if `halo` is set.
         If `layered`, the halo of `level` must be filled already, and the layers, whose memory stays unchanged, add to
         the states.
         """
         tables = self.engine.tables
         operations = layered_states(tables) if layered else state_operations(tables, halo)
-        self.engine.operate(level, operations, apart=layered, cold=cold, again=True)
+        self.engine.operate(level, operations, keep_memory=layered, thermal=thermal, again=True)
         return tables.gradient_pass.sweep.law.values
 
     def units_of_bonds(self) -> np.ndarray:
@@ -371,31 +325,16 @@ class Passes:
 
 @dataclass(frozen=True, eq=False)
 class _MissingBonds:
-    """Bonds that are absent, and the nodes that lack them.
+    """Bonds that are absent, and the nodes that lack them."""
 
-    Attributes
-    ----------
-    nodes, neighbours, bonds : ndarray of int, shape (n,)
-        Ends of bonds that are cut, one entry per direction, and their numbers in the stencil.
-    deficient : ndarray of int, shape (N,)
-        Nodes that lack bonds, ascending.
-    at : ndarray of int, shape (n,)
-        Indices in `deficient` of the first ends of cut bonds.
-    beside : ndarray of int, shape (S,)
-        Indices in `deficient` of the nodes with bonds of which only one end exists.
-    bare : ndarray of bool, shape (K, S)
-        For each of the latter, which bonds these are.
-    exists : ndarray of bool, shape (places,)
-    """
-
-    nodes: np.ndarray
+    nodes: np.ndarray  # ends of bonds that are cut, one entry per direction, and their numbers in the stencil; (n,)
     neighbours: np.ndarray
     bonds: np.ndarray
-    deficient: np.ndarray
-    at: np.ndarray
-    beside: np.ndarray
-    bare: np.ndarray
-    exists: np.ndarray
+    deficient: np.ndarray  # nodes that lack bonds, ascending
+    at: np.ndarray  # indices in `deficient` of the first ends of cut bonds, shape (n,)
+    beside: np.ndarray  # indices in `deficient` of the S nodes with bonds of which only one end exists
+    bare: np.ndarray  # for each of the latter, which bonds these are; shape (K, S)
+    exists: np.ndarray  # by place
 
     @classmethod
     def of(
@@ -408,15 +347,13 @@ class _MissingBonds:
         exists: np.ndarray,
     ) -> _MissingBonds:
         """Construct from the arguments of `Passes.leave_out`."""
-        distances = passes.offsets @ np.array(passes.layout.box.stride)
-        order = np.argsort(distances)
-        bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
+        bonds = passes.layout.bonds_between(nodes, neighbours)
         deficient = np.union1d(nodes, bare_nodes)
         at, beside = np.searchsorted(deficient, nodes), np.searchsorted(deficient, bare_nodes)
         return cls(nodes, neighbours, bonds, deficient, at, beside, bare, exists)
 
     @property
-    def there(self) -> np.ndarray:
+    def deficient_exist(self) -> np.ndarray:
         """Which of the nodes `deficient` exist."""
         return np.asarray(self.exists[self.deficient])
 
@@ -438,14 +375,3 @@ def _check_straight(shapes: np.ndarray) -> None:
             key="boundary",
             remedy="keep cracks, corners and holes in the near field, one reach away from the layers",
         )
-
-
-def no_law(engine: Field) -> PointLaw:
-    """Return the empty law of sums that need none."""
-    none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
-    room = np.zeros((1, 1, CHUNK), engine.dtype)
-    empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
-    rows = LawRows(none.reshape(0, 2), none.reshape(0, 6), none, empty)
-    matrices = none, nothing, none, none, nothing[None], rows, empty, empty, local, nothing[None]
-    heat = empty, engine.dtype.type(1), empty, nothing, nothing
-    return PointLaw(empty, *matrices, nothing, False, none, none, room, *heat)

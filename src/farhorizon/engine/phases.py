@@ -15,9 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import ints
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.runs import any_below
+from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.engine.rows.structs import Struct
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, any_below
 from farhorizon.engine.threads import ALONE, add, chunk_of
 
 LIQUID, MIXED, SOLID = 0, 1, 2
@@ -26,37 +28,20 @@ NEVER = np.iinfo(np.int64).max
 
 
 class Phases(NamedTuple):
-    """Tables of the two phases for the compiled loop.
+    """Tables of the two phases for the compiled loop."""
 
-    Attributes
-    ----------
-    runs : ndarray of int32, shape (rows of tiles, tiles, 2)
-        For each run of a row, its kind and the tile after its last.
-    solids, volumes : ndarray of int, shape (rows of tiles, tiles)
-        Number of solid nodes, and of all nodes, in each tile and within one reach of it.
-    changed : ndarray of bool, shape (rows of tiles,)
-        Rows whose counts have changed since their runs were found.
-    dissolved : ndarray of int
-        Step at which each place became liquid.
-    total : ndarray of int, shape (2,)
-        Number of nodes that have become liquid, at present and when the runs were last found.
-    saturation : float
-        Value below which a solid node dissolves.
-    period : ndarray of int, shape (3,)
-        Period of each axis in nodes; 0 for axes that are not periodic, and if other processes fill halos.
-    halo : ndarray of int, shape (n, 4)
-        Solid nodes of the halo that other processes fill: places, and coordinates in the box.
-    """
-
-    runs: np.ndarray
-    solids: np.ndarray
-    volumes: np.ndarray
-    changed: np.ndarray
-    dissolved: np.ndarray
-    total: np.ndarray
-    saturation: float
-    period: np.ndarray
-    halo: np.ndarray
+    #: (rows of tiles, tiles, 2): kind of each run of a row, and the tile after its last
+    runs: np.ndarray = ints(0, 0, 2, bits="int32")
+    #: (rows of tiles, tiles): number of solid nodes in each tile and within one reach of it
+    solids: np.ndarray = ints(0, 0)
+    volumes: np.ndarray = ints(0, 0)  # (rows of tiles, tiles): number of all nodes there
+    changed: np.ndarray = ints(0, bits="bool")  # rows of tiles whose counts have changed since their runs were found
+    dissolved: np.ndarray = ints(0)  # step at which each place became liquid
+    total: np.ndarray = ints(2)  # nodes that have become liquid, at present and when the runs were last found
+    saturation: float = 0.0  # value below which a solid node dissolves
+    period: np.ndarray = ints(3)  # of each axis in nodes; 0 if not periodic, and if other processes fill halos
+    #: solid nodes of the halo that other processes fill: places, and coordinates in the box
+    halo: np.ndarray = ints(0, 4)
 
 
 def phases_table(
@@ -68,35 +53,27 @@ def phases_table(
     halo: np.ndarray,
 ) -> Phases:
     """Return the tables for given counts of the tiles; the arrays are not copied."""
-    runs, changed = np.zeros((*solids.shape, 2), np.int32), np.ones(len(solids), bool)
-    counts = runs, solids, volumes, changed, dissolved, np.zeros(2, np.int64)
-    phases = Phases(*counts, float(saturation), period.astype(np.int64), halo.astype(np.int64))
+    phases = Phases(
+        runs=np.zeros((*solids.shape, 2), np.int32),
+        solids=solids,
+        volumes=volumes,
+        changed=np.ones(len(solids), bool),
+        dissolved=dissolved,
+        total=np.zeros(2, np.int64),
+        saturation=float(saturation),
+        period=period.astype(np.int64),
+        halo=halo.astype(np.int64),
+    )
     if len(solids):
         find_runs(ALONE, Struct(phases))
     return phases
 
 
-def one_phase() -> Phases:
-    """Return empty tables: there is only one phase."""
-    none = np.zeros((0, 0), np.int64)
-    return phases_table(none, none, np.zeros(0, np.int64), 0.0, np.zeros(3), np.zeros((0, 4)))
-
-
 def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Count the solid nodes in each tile and within one reach of it, and all nodes there.
+    """Count the solid nodes in each tile and within one reach of it, and all nodes there, shape (rows of tiles, tiles).
 
-    Parameters
-    ----------
-    solid : ndarray of bool
-        Nodes of the core and of its halo, three axes.
-    reach : tuple of int
-        Width of the halo along each axis.
-    sizes : tuple of int
-        Number of nodes of a tile along each axis, one along the first.
-
-    Returns
-    -------
-    solids, volumes : ndarray of int64, shape (rows of tiles, tiles in a row)
+    `solid` says which nodes of the core and of its halo are, three axes; `sizes` are the numbers of nodes of a tile
+    along each axis, one along the first.
     """
     solids, volumes = solid.astype(np.int64), np.ones(1, np.int64)
     for axis, (m, size) in enumerate(zip(reach, sizes, strict=True)):
@@ -120,18 +97,18 @@ def phase_of(solid, volume):
 
 @njit(error_model="numpy", cache=True)
 def find_runs(thread, phases):
-    """Find the runs of the rows of tiles that have changed; one thread's share."""
+    """Find the runs of the rows of tiles that have changed; one thread's chunk."""
     solids, volumes, changed, runs = phases.solids, phases.volumes, phases.changed, phases.runs
     rows, tiles = solids.shape
     first, last = chunk_of(thread, rows)
     for row in range(first, last):
         if not changed[row]:
             continue
-        changed[row], found = False, 0
+        changed[row], run = False, 0
         for tile in range(tiles):
-            runs[row, found, 0], runs[row, found, 1] = phase_of(solids[row, tile], volumes[row, tile]), tile + 1
-            if tile + 1 < tiles and phase_of(solids[row, tile + 1], volumes[row, tile + 1]) != runs[row, found, 0]:
-                found += 1
+            runs[row, run, 0], runs[row, run, 1] = phase_of(solids[row, tile], volumes[row, tile]), tile + 1
+            if tile + 1 < tiles and phase_of(solids[row, tile + 1], volumes[row, tile + 1]) != runs[row, run, 0]:
+                run += 1
 
 
 @njit(error_model="numpy", cache=True, entry=False)
@@ -173,10 +150,10 @@ def dissolve(thread, u, coefficient, sweep, phases, step):
         corner = block[0] + i0 * block[4] + first * block[5]
         run, stop = 0, 0
         while stop < nodes[2]:
-            start, stop, kind = stop, min(runs[number, run, 1] * TILE, nodes[2]), runs[number, run, 0]
+            start, stop, phase = stop, min(runs[number, run, 1] * TILE, nodes[2]), runs[number, run, 0]
             run += 1
             place, count = (corner + start) * u.itemsize, min(TILE_ROWS, nodes[1] - first)
-            if kind != MIXED or not any_below(metal + place, values + place, limit, stop - start, count, block[5]):
+            if phase != MIXED or not any_below(metal + place, values + place, limit, stop - start, count, block[5]):
                 continue
             for i1 in range(first, first + count):
                 row = block[0] + i0 * block[4] + i1 * block[5]

@@ -9,103 +9,55 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import empty, ints, reals
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.linear_maps import call_map
+from farhorizon.engine.rows.matrices import call_map
 
-CHUNK = 256  # number of neighbouring nodes whose states are processed together
+CHUNK = 256  # neighbouring nodes whose states are processed together: they stay in the first-level cache
 WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with one matrix, and others with one each
 
 
 class LawRows(NamedTuple):
-    """Nodes of each row that do not have all their bonds.
+    """Nodes of each row that do not have all their bonds."""
 
-    Attributes
-    ----------
-    ranges : ndarray of int, shape (R, 2)
-        First stretch of neighbours of each row, and last + 1; equal rows share theirs.
-    stretches : ndarray of int, shape (T, 6)
-        First node along the row, and last + 1; `ALIKE` or `EACH`; index in `weights` of the first of their matrices,
-        and distance between entries of a matrix; index in `kinds` of the first node.
-    kinds : ndarray of int
-        Indices of the matrices of the nodes of all stretches.
-    weights : ndarray
-        The matrices themselves, then those of stretches `EACH`, entry by entry.
-    """
-
-    ranges: np.ndarray
-    stretches: np.ndarray
-    kinds: np.ndarray
-    weights: np.ndarray
+    #: (R, 2): first stretch of neighbours of each row, and last + 1; equal rows share theirs
+    ranges: np.ndarray = ints(0, 2)
+    #: (T, 6): first node along the row, and last + 1; `ALIKE` or `EACH`; index in `weights` of the first of their
+    #: matrices, and distance between entries of a matrix; index in `kinds` of the first node
+    stretches: np.ndarray = ints(0, 6)
+    kinds: np.ndarray = ints(0)  # indices of the matrices of the nodes of all stretches
+    weights: np.ndarray = reals(0)  # the matrices themselves, then those of stretches `EACH`, entry by entry
 
 
 class PointLaw(NamedTuple):
-    """Law that nodes apply to their states.
+    """Law that nodes apply to their states, which have n components."""
 
-    Attributes
-    ----------
-    values : ndarray
-        States, laid out as a level of that many components; empty if the operator has no passes.
-    functions : ndarray of int, shape (3,)
-        Addresses of the compiled law of neighbours: `WHOLE`, `ALIKE`, `EACH`.
-    intact : ndarray, shape (n, n)
-        Matrix of all nodes except the following ones.
-    nodes : ndarray of int, shape (S,)
-        Places of nodes that lack bonds, ascending.
-    numbers : ndarray of int, shape (S,)
-        Index of the matrix of each of them.
-    matrices : ndarray, shape (m, n, n)
-    rows : LawRows
-        The same nodes, row by row.
-    harmonic_eigenvalue : ndarray, shape (m,)
-        Firmness of the shape tensors to which the matrices belong, see
-        `farhorizon.engine.shape_tensors.harmonic_eigenvalue`; the first, that of places without a node, is 1, and so is
-        that of all other nodes. Zeros if nodes bear all of their stress down to the last of their bonds.
-    moduli : ndarray, shape (3,)
-        Lame's constant, the shear modulus and the stabilisation, from which the matrices are computed.
-    local : ndarray, shape (3, places)
-        The same moduli of each node if they vary, or empty.
-    bases : ndarray, shape (3, n, n)
-        Matrix of all other nodes per unit of each modulus.
-    shapes : ndarray, shape (K, d * d)
-        Contribution of each bond to the shape tensor.
-    kept : bool
-        Whether bonds that break leave the shape tensor unchanged.
-    first, end : ndarray of int, shape (3,)
-        Box of nodes whose states are complete once they are swept: no layer adds to them, and no bond is cut.
-    room : ndarray, shape (threads, n, CHUNK)
-        Work space.
-    thermal_strain : ndarray, shape (places,), or empty
-        Thermal strain, to which no force responds; see `engine.thermal_strain`.
-    spacing : float
-        Distance between nodes, by which a unit strain is converted into displacements.
-    unit, units : ndarray, shapes (n,), (m, n)
-        State of a unit strain in all directions, for a node with all its bonds, and for those to which `matrices`
-        belong.
-    arms : ndarray, shape (K, d)
-        Bond vectors, in units of length.
-    """
-
-    values: np.ndarray
-    functions: np.ndarray
-    intact: np.ndarray
-    nodes: np.ndarray
-    numbers: np.ndarray
-    matrices: np.ndarray
-    rows: LawRows
-    harmonic_eigenvalue: np.ndarray
-    moduli: np.ndarray
-    local: np.ndarray
-    bases: np.ndarray
-    shapes: np.ndarray
-    kept: bool
-    first: np.ndarray
-    end: np.ndarray
-    room: np.ndarray
-    thermal_strain: np.ndarray
-    spacing: float
-    unit: np.ndarray
-    units: np.ndarray
-    arms: np.ndarray
+    values: np.ndarray = reals(0)  # states, laid out as a level of n components; empty if the operator has no passes
+    functions: np.ndarray = ints(0)  # (3,): addresses of the compiled law of neighbours: `WHOLE`, `ALIKE`, `EACH`
+    intact: np.ndarray = reals(1, 1)  # (n, n): matrix of all nodes except the following ones
+    nodes: np.ndarray = ints(0)  # (S,): places of nodes that lack bonds, ascending
+    numbers: np.ndarray = ints(0)  # (S,): index of the matrix of each of them
+    matrices: np.ndarray = reals(1, 1, 1)  # (m, n, n)
+    rows: LawRows = empty(LawRows)  # the same nodes, row by row
+    #: (m,): of the shape tensors to which the matrices belong, see `engine.shape_tensors`; the first, that of places
+    #: without a node, is 1, and so is that of all other nodes. Zeros if nodes bear all of their stress down to the last
+    #: of their bonds.
+    harmonic_eigenvalue: np.ndarray = reals(0)
+    #: (3,): Lame's constant, shear modulus and stabilisation, from which the matrices are computed
+    moduli: np.ndarray = reals(0)
+    local: np.ndarray = reals(3, 0)  # (3, places): the same moduli of each node if they vary, or empty
+    bases: np.ndarray = reals(1, 1, 1)  # (3, n, n): matrix of all other nodes per unit of each modulus
+    shapes: np.ndarray = reals(1, 1)  # (K, d * d): contribution of each bond to the shape tensor
+    kept: bool = False  # whether bonds that break leave the shape tensor unchanged
+    #: (3,): box of nodes whose states are complete once swept: no layer adds to them, no bond is cut
+    first: np.ndarray = ints(0)
+    end: np.ndarray = ints(0)  # (3,)
+    room: np.ndarray = reals(1, 1, CHUNK)  # (threads, n, CHUNK): work space
+    thermal_strain: np.ndarray = reals(0)  # (places,), or empty: no force responds to it, see `engine.thermal_strain`
+    spacing: float = reals(value=1.0)  # by which a unit strain is converted into displacements
+    unit: np.ndarray = reals(0)  # (n,): state of a unit strain in all directions, for a node with all its bonds
+    units: np.ndarray = reals(1, 1)  # (m, n): the same for the nodes to which `matrices` belong
+    arms: np.ndarray = reals(0, 0)  # (K, d): bond vectors, in units of length
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -193,17 +145,15 @@ def apply_law(thread, law, row, origin, first, last):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def apply_to_rows(thread, law, block, i0, first, last, whole):
-    """Apply the law to rows of a plane: if `whole`, to nodes whose states are complete once they are swept, else to the
-    others.
-    """
+def apply_to_rows(thread, law, block, i0, first, last, complete):
+    """Apply the law to rows of a plane: to nodes whose states are `complete` once they are swept, or to the others."""
     inside = law.first[0] <= i0 < law.end[0]
     for i1 in range(first, last):
         origin, row = block[0] + i0 * block[4] + i1 * block[5], i0 * block[2] + i1
         low, high = law.first[2], law.end[2]
         if not inside or not law.first[1] <= i1 < law.end[1]:
             low, high = block[3], block[3]
-        if whole:
+        if complete:
             apply_law(thread, law, row, origin, low, high)
         else:
             apply_law(thread, law, row, origin, 0, low)

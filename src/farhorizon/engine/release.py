@@ -36,8 +36,10 @@ from farhorizon.engine.threads import barrier
 # large enough that the nodes around them matter less.
 PATCH_PLANES, PATCH_ROWS, PATCH_NODES = 8, 16, 8 * LANES
 NEAR_ROWS, NEAR_NODES = 8, 4 * LANES
-_ELONGATION, _ENERGY, _LIMIT, _LAME, _SHEAR, _PULL, _ETA, _TRACE, _MINE, _OTHERS = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
-LINES = 12  # lines of work space, of one number for each node of a row
+# Lines of work space, of one number for each node of a row; three of them for eta.
+_ELONGATION, _ENERGY, _LIMIT, _LAME, _SHEAR, _PULL, _ETA = range(7)
+_TRACE, _WEIGHT, _NEIGHBOUR_WEIGHT = range(_ETA + 3, _ETA + 6)
+LINES = 12
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
@@ -109,55 +111,51 @@ def squared_norm(level, dim, block, low, counts, differences, room):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def fill_lines(law, bonds, node, other, n, lines, alike):
+def fill_lines(law, bonds, node, neighbour, n, lines, alike):
     """Fill the lines for the sums of the moduli of both ends of bonds, and for the weights of their states: those that
     are the same for all bonds if `alike`, the others if not.
     """
-    local, firm = law.local.size > 0, bonds.harmonic_eigenvalue.size > 1
+    local, weighted = law.local.size > 0, bonds.harmonic_eigenvalue.size > 1
     for modulus in range(3):
         if not local and alike:
             for i in range(n):
                 lines[_LAME + modulus, i] = 2 * np.float64(law.moduli[modulus])
         elif local and not alike:
             for i in range(n):
-                both = np.float64(law.local[modulus, node + i]) + np.float64(law.local[modulus, other + i])
+                both = np.float64(law.local[modulus, node + i]) + np.float64(law.local[modulus, neighbour + i])
                 lines[_LAME + modulus, i] = both
-    if not firm and alike:
+    if not weighted and alike:
         for i in range(n):
-            lines[_MINE, i] = lines[_OTHERS, i] = 1.0
-    elif firm and not alike:
+            lines[_WEIGHT, i] = lines[_NEIGHBOUR_WEIGHT, i] = 1.0
+    elif weighted and not alike:
         for i in range(n):
-            lines[_MINE, i], lines[_OTHERS, i] = (
-                bonds.harmonic_eigenvalue[node + i],
-                bonds.harmonic_eigenvalue[other + i],
-            )
+            lines[_WEIGHT, i] = bonds.harmonic_eigenvalue[node + i]
+            lines[_NEIGHBOUR_WEIGHT, i] = bonds.harmonic_eigenvalue[neighbour + i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_row(u, part, bond_stencil, material, gradient_pass, divergence_pass, bonds, bond, node, n, lines):
+def weigh_row(u, part, medium, bond, node, n, lines):
     """Compute, for one bond of each of some nodes of a row, the energy that would be lost with it, its limit, and its
     elongation, in units of the update; lines that are the same for all bonds must have been filled.
     """
-    law, columns, rows = gradient_pass.sweep.law, gradient_pass.columns, gradient_pass.rows
-    apart, size, other = u.size // columns, law.values.size // rows, node + bonds.places[bond, 0]
-    first, last, pulls = gradient_pass.sweep.general[0], divergence_pass.sweep.general[part], bond_stencil.general[part]
-    xi, warm, distance = bonds.table[bond], bonds.thermal_strain.size > 1, bonds.places[bond, 0]
-    fill_lines(law, bonds, node, other, n, lines, False)
+    material, gradient, bonds = medium.material, medium.gradient, medium.bonds
+    law, columns, rows = gradient.sweep.law, gradient.columns, gradient.rows
+    first, last, pulls = gradient.sweep.general[0], medium.divergence.sweep.general[part], medium.springs.general[part]
+    xi, heated, distance = bonds.table[bond], bonds.thermal_strain.size > 1, bonds.places[bond, 0]
+    apart, size, neighbour = u.size // columns, law.values.size // rows, node + distance
+    fill_lines(law, bonds, node, neighbour, n, lines, False)
     longer, trace, energy = lines[_ELONGATION], lines[_TRACE], lines[_ENERGY]
     for i in range(n):
         longer[i] = trace[i] = energy[i] = 0.0
     for a in range(columns):
-        eta, here, there = lines[_ETA + a], u[node + a * apart :], u[other + a * apart :]
+        eta, near, far = lines[_ETA + a], u[node + a * apart :], u[neighbour + a * apart :]
         along, ahead = np.float64(first[(bond * rows + a) * columns]), np.float64(xi[a])
         for i in range(n):
-            eta[i] = np.float64(there[i]) - np.float64(here[i])
-        if warm:
+            eta[i] = np.float64(far[i]) - np.float64(near[i])
+        if heated:
             for i in range(n):
-                eta[i] -= (
-                    (np.float64(bonds.thermal_strain[node + i]) + np.float64(bonds.thermal_strain[other + i]))
-                    / 2
-                    * ahead
-                )
+                both = np.float64(bonds.thermal_strain[node + i]) + np.float64(bonds.thermal_strain[neighbour + i])
+                eta[i] -= both / 2 * ahead
         for i in range(n):
             longer[i] += eta[i] * ahead
             trace[i] += along * eta[i]
@@ -165,12 +163,12 @@ def weigh_row(u, part, bond_stencil, material, gradient_pass, divergence_pass, b
         for b in range(columns):
             eta, across = lines[_ETA + a], lines[_ETA + b]
             g_a, g_b = np.float64(first[(bond * rows + a) * columns]), np.float64(first[(bond * rows + b) * columns])
-            weight, row, same = np.float64(last[bond * columns * rows + b]), a * columns + b, 1.0 * (a == b)
-            here, there = law.values[row * size + node :], law.values[row * size + other :]
+            weight, row, diagonal = np.float64(last[bond * columns * rows + b]), a * columns + b, 1.0 * (a == b)
+            near, far = law.values[row * size + node :], law.values[row * size + neighbour :]
             for i in range(n):
                 own = lines[_SHEAR, i] * (g_b * eta[i] + g_a * across[i]) - lines[_PULL, i] * g_b * eta[i]
-                own += same * lines[_LAME, i] * trace[i]
-                stress = lines[_MINE, i] * np.float64(here[i]) + lines[_OTHERS, i] * np.float64(there[i])
+                own += diagonal * lines[_LAME, i] * trace[i]  # the bond's own part of the stress
+                stress = lines[_WEIGHT, i] * np.float64(near[i]) + lines[_NEIGHBOUR_WEIGHT, i] * np.float64(far[i])
                 energy[i] += weight * eta[i] * (stress - own / 2)
             pull = np.float64(pulls[(bond * columns + a) * columns + b]) / 2 if pulls.size else 0.0
             if pull != 0 and material.coefficient.size == 1:
@@ -182,44 +180,34 @@ def weigh_row(u, part, bond_stencil, material, gradient_pass, divergence_pass, b
     released, critical = bonds.released[bond], np.float64(bonds.limit[0]) / 2
     for i in range(n):
         unit = released[0] * lines[_LAME, i] + released[1] * lines[_SHEAR, i] + released[2] * lines[_PULL, i]
-        lines[_LIMIT, i] = unit * (critical * np.float64(weaker(bonds.strength, node + i, other + i))) ** 2
+        lines[_LIMIT, i] = unit * (critical * np.float64(weaker(bonds.strength, node + i, neighbour + i))) ** 2
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def may_break(stage, bond_stencil, gradient_pass, bonds, first, end, room):
+def may_break(stage, medium, first, end, room):
     """Whether bonds of the nodes of a patch may have the energy at which they break."""
+    bonds = medium.bonds
     if bonds.thermal_strain.size > 1:
         return True
-    block, states = bond_stencil.block, gradient_pass.sweep.law.values
-    low, counts = reached_box(bonds.zone, bond_stencil.reach, first, end)
+    block, states = medium.springs.block, medium.gradient.sweep.law.values
+    low, counts = reached_box(bonds.zone, medium.springs.reach, first, end)
     steep = squared_norm(stage.src, stage.components, block, low, counts, True, room)
     stress = np.sqrt(squared_norm(states, stage.components, block, low, counts, False, room))
     return not bonds.bounds[0] * np.sqrt(steep) * stress + bonds.bounds[1] * steep < bonds.limit[0] ** 2 / 4
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_row(stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, i0, i1, begin, end, lines):
+def break_row(stage, medium, i0, i1, begin, end, lines):
     """Break the bonds of some nodes of a row whose energy exceeds the limit."""
-    zone, block, places, start = bonds.zone, bond_stencil.block, bonds.places, bonds.zone[FIRST + 2]
-    row = i1 // (_ROWS_3 if gradient_pass.columns == 3 else _ROWS_2)
-    fill_lines(gradient_pass.sweep.law, bonds, 0, 0, end - begin, lines, True)
+    bonds, block = medium.bonds, medium.springs.block
+    zone, places, start = bonds.zone, bonds.places, bonds.zone[FIRST + 2]
+    row = i1 // (_ROWS_3 if medium.gradient.columns == 3 else _ROWS_2)
+    fill_lines(medium.gradient.sweep.law, bonds, 0, 0, end - begin, lines, True)
     for bond in range(places.shape[0]):
         low, top = curved_part(zone, i0, i1, places[bond], begin, end)
         node = block[0] + i0 * block[4] + i1 * block[5] + low
         word, bit = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
-        weigh_row(
-            stage.src,
-            stage.part,
-            bond_stencil,
-            material,
-            gradient_pass,
-            divergence_pass,
-            bonds,
-            bond,
-            node,
-            top - low,
-            lines,
-        )
+        weigh_row(stage.src, stage.part, medium, bond, node, top - low, lines)
         for i in range(top - low):
             beyond = lines[_ENERGY, i] > lines[_LIMIT, i] and lines[_ELONGATION, i] > 0
             if beyond and bonds.alive[word, node + i] & bit != 0:
@@ -231,7 +219,7 @@ def break_row(stage, bond_stencil, material, gradient_pass, divergence_pass, bon
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_patch(stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, first, end, room):
+def break_patch(stage, medium, first, end, room):
     """Break the bonds of a patch whose energy exceeds the limit, searching only those smaller patches that may have
     some.
     """
@@ -239,27 +227,15 @@ def break_patch(stage, bond_stencil, material, gradient_pass, divergence_pass, b
         for i1 in range(first[1], end[1], NEAR_ROWS):
             for begin in range(first[2], end[2], NEAR_NODES):
                 low, top = (i0, i1, begin), (i0 + 1, min(i1 + NEAR_ROWS, end[1]), min(begin + NEAR_NODES, end[2]))
-                if may_break(stage, bond_stencil, gradient_pass, bonds, low, top, room):
+                if may_break(stage, medium, low, top, room):
                     for row in range(i1, top[1]):
-                        break_row(
-                            stage,
-                            bond_stencil,
-                            material,
-                            gradient_pass,
-                            divergence_pass,
-                            bonds,
-                            i0,
-                            row,
-                            begin,
-                            top[2],
-                            room,
-                        )
+                        break_row(stage, medium, i0, row, begin, top[2], room)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_by_energy(thread, stage, bond_stencil, material, gradient_pass, divergence_pass, bonds):
+def break_by_energy(thread, stage, medium):
     """Clear the bits of bonds whose energy exceeds the limit; each thread takes whole rows of patches."""
-    zone, room = bonds.zone, bonds.room[thread.number]
+    zone, room = medium.bonds.zone, medium.bonds.room[thread.number]
     planes = (zone[END] - zone[FIRST] + PATCH_PLANES - 1) // PATCH_PLANES
     rows = (zone[END + 1] + PATCH_ROWS - 1) // PATCH_ROWS - zone[FIRST + 1] // PATCH_ROWS
     for number in range(thread.number, planes * rows, thread.threads):
@@ -271,16 +247,17 @@ def break_by_energy(thread, stage, bond_stencil, material, gradient_pass, diverg
                 min((row + 1) * PATCH_ROWS, zone[END + 1]),
                 min(begin + PATCH_NODES, zone[END + 2]),
             )
-            if may_break(stage, bond_stencil, gradient_pass, bonds, first, end, room):
-                break_patch(stage, bond_stencil, material, gradient_pass, divergence_pass, bonds, first, end, room)
+            if may_break(stage, medium, first, end, room):
+                break_patch(stage, medium, first, end, room)
     barrier(thread)
 
 
 @njit(error_model="numpy", cache=True)
-def largest_energy(u, bond_stencil, material, gradient_pass, divergence_pass, bonds):
+def largest_energy(u, medium):
     """Largest energy lost with a bond that may break, relative to its limit; zero if there is no such bond."""
-    zone, block, places, lines, largest = bonds.zone, bond_stencil.block, bonds.places, bonds.room[0], 0.0
-    fill_lines(gradient_pass.sweep.law, bonds, 0, 0, PATCH_NODES, lines, True)
+    bonds, block, largest = medium.bonds, medium.springs.block, 0.0
+    zone, places, lines = bonds.zone, bonds.places, bonds.room[0]
+    fill_lines(medium.gradient.sweep.law, bonds, 0, 0, PATCH_NODES, lines, True)
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
             for begin in range(zone[FIRST + 2], zone[END + 2], PATCH_NODES):
@@ -289,21 +266,9 @@ def largest_energy(u, bond_stencil, material, gradient_pass, divergence_pass, bo
                     low, top = curved_part(zone, i0, i1, places[bond], begin, end)
                     node = block[0] + i0 * block[4] + i1 * block[5] + low
                     bit = np.uint64(1) << np.uint64(bond & 63)
-                    weigh_row(
-                        u,
-                        0,
-                        bond_stencil,
-                        material,
-                        gradient_pass,
-                        divergence_pass,
-                        bonds,
-                        bond,
-                        node,
-                        top - low,
-                        lines,
-                    )
+                    weigh_row(u, 0, medium, bond, node, top - low, lines)
                     for i in range(top - low):
-                        there = bonds.alive[bond >> 6, node + i] & bit != 0
-                        if there and lines[_ELONGATION, i] > 0 and lines[_LIMIT, i] > 0:
+                        present = bonds.alive[bond >> 6, node + i] & bit != 0
+                        if present and lines[_ELONGATION, i] > 0 and lines[_LIMIT, i] > 0:
                             largest = max(largest, lines[_ENERGY, i] / lines[_LIMIT, i])
     return largest

@@ -21,35 +21,26 @@ class Repeats:
         self._planned: tuple[Tables, Asked, Tables] | None = None
 
     def nothing(self, steps: int, tables: Tables, held: np.ndarray, recorded_nodes: np.ndarray, stride: int) -> Inputs:
-        """Return inputs without sources for a number of steps; prescribed values are zero.
-
-        Parameters
-        ----------
-        steps : int
-        tables : Tables
-        held, recorded_nodes : ndarray of int
-            As in `Inputs`.
-        stride : int
-        """
+        """Return inputs without sources for a number of steps; prescribed values are zero."""
         given = steps, stride, held, recorded_nodes, tables.dependents, tables.block_sums
-        if self._nothing is None or not _same(self._nothing[0], given):
+        if self._nothing is None or not _unchanged(self._nothing[0], given):
             none, times = np.zeros(0, np.int64), np.zeros((steps, len(tables.numbers), 0), tables.numbers.dtype)
             self._nothing = (
                 given,
                 Inputs(
-                    0,
-                    none,
-                    np.zeros((0, 0), times.dtype),
-                    times,
-                    held,
-                    np.zeros((steps, len(held))),
-                    np.zeros((0, 0)),
-                    np.zeros((0, len(tables.dependents.nodes)), times.dtype),
-                    times,
-                    recorded_nodes,
-                    self._rows("seen", steps, int(recorded_nodes[:, 3].sum())),
-                    self._rows("heard", steps, len(tables.block_sums.rows)),
-                    stride,
+                    before=0,
+                    source_nodes=none,
+                    source_fields=np.zeros((0, 0), times.dtype),
+                    source_times=times,
+                    held=held,
+                    held_values=np.zeros((steps, len(held))),
+                    held_forces=np.zeros((0, 0)),
+                    dependent_fields=np.zeros((0, len(tables.dependents.nodes)), times.dtype),
+                    dependent_times=times,
+                    recorded_nodes=recorded_nodes,
+                    node_values=self._rows("node values", steps, int(recorded_nodes[:, 3].sum())),
+                    block_values=self._rows("block values", steps, len(tables.block_sums.rows)),
+                    stride=stride,
                 ),
             )
         return self._nothing[1]
@@ -70,6 +61,6 @@ class Repeats:
         return self._planned[2]
 
 
-def _same(given: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
+def _unchanged(given: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
     """Whether two tuples contain the identical arrays and equal numbers."""
     return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(given, before, strict=True))

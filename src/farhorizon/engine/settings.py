@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,13 +11,14 @@ from farhorizon.engine.bonds import RULES, all_bits
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
+from farhorizon.engine.field import damping_of
 from farhorizon.engine.filter import margin_across, without
+from farhorizon.engine.layers import Layers
+from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.media import media_of
-from farhorizon.engine.nested import Layers
 from farhorizon.engine.phases import count_solid, phases_table
-from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.build import load_program
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
+from farhorizon.engine.rows.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
 from farhorizon.engine.thermal_strain import ThermalStrains
 
@@ -24,36 +26,34 @@ _NO_ENDS = np.zeros((0, 0), np.int64)
 
 
 def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int]) -> None:
-    """Let other processes fill the halos from now on, periodic ones included.
-
-    Parameters
-    ----------
-    link : Link
-    neighbours : mapping of (axis, side) to int
-        Ranks of the processes beyond each side, negative for none; axes that are not shared are left out.
+    """Let other processes fill the halos from now on, periodic ones included. `neighbours` are the ranks of the
+    processes beyond each side, negative for none; axes that are not shared are left out.
     """
     passes = [] if engine.passes is None else [engine.tables.gradient_pass, engine.tables.divergence_pass]
-    kinds = [Messages.between(link, neighbours, {one: engine.layout.across(*one) for one in neighbours})]
+    kinds = [Messages.between(link, neighbours, {side: engine.layout.across(*side) for side in neighbours})]
     for tables in engine.layers_of_passes:
-        slots = {} if tables is None else {one: tables.across(*one) for one in neighbours}
-        kinds.append(Messages.between(link, {one: neighbours[one] for one in slots}, slots))
+        slots = {} if tables is None else {side: tables.across(*side) for side in neighbours}
+        kinds.append(Messages.between(link, {side: neighbours[side] for side in slots}, slots))
     used = engine.tables.filter.runs.size
-    apart = {one: other for one, other in neighbours.items() if one[0] not in engine.layout.periodic and used}
+    filtered = {side: rank for side, rank in neighbours.items() if side[0] not in engine.layout.periodic and used}
     damping = damping_of(engine)
-    margins = {one: margin_across(engine.layout, *damping, *one) for one in apart}
-    kinds.append(Messages.between(link, apart, margins))
+    margins = {side: margin_across(engine.layout, *damping, *side) for side in filtered}
+    kinds.append(Messages.between(link, filtered, margins))
     states = max((tables.columns for tables in passes), default=0)
     rows = max((tables.rows for tables in passes), default=0)
     engine.exchange = Exchange(kinds, max(engine.components, states, rows), engine.dtype)
     if engine.varied:
         engine.join(engine.tables.material.coefficient, {})
         engine.replace(media=media_of(engine))
-    beside = {name: getattr(engine.tables, name) for name in ("gradient_pass", "divergence_pass", "neighbours")}
-    beside = {name: one._replace(layers=_alone(one.layers)) for name, one in beside.items()}
-    filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
-    free = free_of_halos(engine.layout, neighbours)
-    sums = {"layers": _alone(engine.tables.layers), **beside, "copies": engine.tables.copies[:, :0]}
-    engine.replace(exchange=engine.exchange.numbers[:-1], free=free, filter=filtered, **sums)
+    further = {name: getattr(engine.tables, name) for name in ("gradient_pass", "divergence_pass", "neighbours")}
+    engine.replace(
+        exchange=engine.exchange.numbers[:-1],
+        free=free_of_halos(engine.layout, neighbours),
+        filter=engine.tables.filter._replace(exchange=engine.exchange.numbers[-1]),
+        layers=_alone(engine.tables.layers),
+        copies=engine.tables.copies[:, :0],
+        **{name: sums._replace(layers=_alone(sums.layers)) for name, sums in further.items()},
+    )
 
 
 def _alone(layers: Layers) -> Layers:
@@ -62,9 +62,8 @@ def _alone(layers: Layers) -> Layers:
 
 
 def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
-    """Set the nodal factors of an absorbing zone: for the old increment, for the new increment, and a loss rate.
-
-    Nodes that lose all of their new increment stay where they are.
+    """Set the nodal factors of an absorbing zone: for the old increment, for the new increment, and a loss rate. Nodes
+    that lose all of their new increment stay where they are.
     """
     if nodes.size:
         engine.replace(filter=without(engine.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
@@ -73,13 +72,8 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
 
 
 def set_heat(engine: Engine, spacing: float) -> None:
-    """Let nodes have thermal strains from now on, whose values `give_heat` sets; requires `BondZone.set` with `warm`.
-
-    Parameters
-    ----------
-    engine : Engine
-    spacing : float
-        Distance between nodes, in the unit of the field.
+    """Let nodes, a spacing apart in the unit of the field, have thermal strains from now on, whose values `give_heat`
+    sets; requires `BondZone.set` with `warm`.
     """
     tables, thermal_strain = engine.tables, engine.tables.bonds.thermal_strain
     arms = spacing * engine.offsets[:, 3 - engine.components :].astype(float)
@@ -89,13 +83,16 @@ def set_heat(engine: Engine, spacing: float) -> None:
             thermal_strain=thermal_strain, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
         )
         engine.replace(gradient_pass=gradient_pass._replace(sweep=gradient_pass.sweep._replace(law=law)))
-    layers = engine.thermoelastic_layers
-    springs = engine.passes is not None and engine.weights.any() and layers is None
+    springs = engine.passes is not None and engine.weights.any() and not engine.heat_passes
     vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
-    beyond = np.zeros((0, 0)) if layers is None else layers.vectors
-    traces = np.zeros(0, engine.dtype) if layers is None else layers.traces
-    of_bonds = vectors.astype(engine.dtype), beyond.astype(engine.dtype)
-    engine.replace(heat=ThermalStrains(thermal_strain, np.zeros_like(thermal_strain), *of_bonds, traces))
+    heat = ThermalStrains(
+        thermal_strain=thermal_strain,
+        rate=np.zeros_like(thermal_strain),
+        vectors=vectors.astype(engine.dtype),
+        beyond=engine.heat_vectors.astype(engine.dtype),
+        traces=aligned_zeros(engine.layout.size if engine.heat_passes else 0, engine.dtype),
+    )
+    engine.replace(heat=heat)
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
@@ -129,30 +126,29 @@ def set_density(engine: Engine, density: np.ndarray) -> None:
 
 
 def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) -> None:
-    """Set drag towards the mean velocity of the neighbours, with a given rate, for equations of second order.
+    """Set drag towards the mean velocity of the neighbours, with a given rate, for equations of second order. The
+    energy that it takes from the nodes of the core from `first` to `end` is accumulated.
 
-    The older level must outlive a step, and the engine must have been created for drag. The energy that drag takes from
-    the nodes of the core from `first` to `end` is accumulated. Absent bonds are set later.
+    The older level must outlive a step, and the engine must have been created for drag. Absent bonds are set later.
     """
-    assert engine.dragged_layers is not None
+    assert engine.drag_pass is not None
     box, low = engine.layout.box, np.array(engine.layout.low)
-    distances = engine.offsets @ np.array(box.stride)
-    full = all_bits(len(distances))
-    alive = engine.tables.bonds.alive
+    full, alive = all_bits(len(engine.offsets)), engine.tables.bonds.alive
+    moved, beyond = aligned_zeros(engine.components * engine.layout.size, engine.dtype, 2)
     if not engine.bonds:
         alive = np.zeros((len(full), engine.layout.size), np.uint64)
         alive[:, box.node_indices()] = full[:, None, None, None]
     drag = Drag(
-        np.array([rate * engine.dt], engine.dtype),
-        distances.astype(np.int64),
-        alive,
-        full,
-        first.astype(np.int64) + low,
-        end.astype(np.int64) + low,
-        np.zeros(box.nodes[:2]),
-        np.zeros((engine.threads, engine.components, box.nodes[2]), engine.dtype),
-        engine.dragged_layers.moved,
-        engine.dragged_layers.beyond,
+        rate=np.array([rate * engine.dt], engine.dtype),
+        distances=engine.layout.distances,
+        alive=alive,
+        full=full,
+        first=first.astype(np.int64) + low,
+        end=end.astype(np.int64) + low,
+        lost=np.zeros(box.nodes[:2]),
+        room=np.zeros((engine.threads, engine.components, box.nodes[2]), engine.dtype),
+        moved=moved,
+        beyond=beyond,
     )
     engine.replace(drag=drag)
 
@@ -161,23 +157,18 @@ def set_phases(
     engine: Engine, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False
 ) -> None:
     """Set two phases: bonds between solid nodes carry nothing, bonds between the phases `interface` times their weight,
-    and a solid node becomes liquid once its value is below `saturation`.
+    and a solid node becomes liquid once its value is below `saturation`; if `limited`, no value above it counts for
+    more than it between the phases.
 
+    `dissolved` are the steps (of `steps_done`) at which the nodes of the core became liquid, `NEVER` for solid ones.
     Everything beyond the core is liquid, except for periodic sides and halos that other processes fill, which all of
     them do together by calling this.
-
-    Parameters
-    ----------
-    dissolved : ndarray of int, shape of the core
-        Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for solid ones.
-    limited : bool
-        Whether no value above the saturation counts for more than it between the phases.
     """
     solid = dissolved == NEVER
     beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in engine.layout.periodic}
     steps = np.zeros(engine.layout.size, np.int64)
     engine.core.view(steps)[...] = dissolved
-    factors = (engine.dtype.type(v) for v in (interface, saturation if limited else np.inf))
+    factors = (engine.dtype.type(value) for value in (interface, saturation if limited else np.inf))
     coefficient = engine.spread(np.where(solid, -interface, 1.0), beyond, jointly=True)
     engine.replace(material=Material(coefficient, RULES.index("phases"), *factors))
     engine.sweep_in_pieces(TILE_ROWS)
@@ -202,74 +193,75 @@ def set_dependents(
     engine.replace(dependents=Dependents(nodes, starts, sources, weights.astype(engine.dtype)))
 
 
+class FlowBonds(NamedTuple):
+    """Bonds whose flow into their nodes is counted in accounts: places in a level, and weights without coefficients. A
+    negative neighbour has the value zero.
+    """
+
+    accounts: np.ndarray
+    nodes: np.ndarray
+    neighbours: np.ndarray
+    weights: np.ndarray
+
+
 def record_flows(
     engine: Engine,
-    accounts: np.ndarray,
-    nodes: np.ndarray,
-    neighbours: np.ndarray,
-    weights: np.ndarray,
+    bonds: FlowBonds,
     effects: np.ndarray,
     count: int,
     ends: np.ndarray = _NO_ENDS,
     sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
 ) -> None:
     """Integrate over time the flow along bonds into their nodes, in `count` accounts; `effects` are the factors of the
-    flow of each stage in that of a step.
+    flow of each stage in that of a step. First-order equations only.
 
-    Nodes are places in a level, weights are without coefficients, and a negative neighbour has the value zero. `ends`,
-    shape (ends, K): accounts of the drivers of exact ends, -1 for none. `sides`: account of a layer (axis, side), and
-    the nodes next to it whose inflow from the layer is counted. First-order equations only.
+    `ends`, shape (ends, K): accounts of the drivers of exact ends, -1 for none. `sides`: account of a layer (axis,
+    side), and the nodes next to it whose inflow from the layer is counted.
     """
-    near, rows = [np.zeros(0, np.int64)], []
-    for (axis, _), (number, at) in (sides or {}).items():
-        first = sum(map(len, near))
-        rows.append((axis, number, first, first + len(at)))
-        near.append(at)
-    engine.replace(
-        flows=Flows(
-            accounts.astype(np.int64),
-            nodes.astype(np.int64),
-            neighbours.astype(np.int64),
-            weights.astype(float),
-            effects.astype(float),
-            ends,
-            np.array(rows, np.int64).reshape(-1, 4),
-            np.concatenate(near),
-            np.zeros(engine.layout.size if rows else 0, engine.dtype),
-            np.zeros((2, count)),
-        )
+    beside, rows = [np.zeros(0, np.int64)], []
+    for (axis, _), (account, nodes) in (sides or {}).items():
+        first = sum(map(len, beside))
+        rows.append((axis, account, first, first + len(nodes)))
+        beside.append(nodes)
+    flows = Flows(
+        effects=effects.astype(float),
+        accounts=bonds.accounts.astype(np.int64),
+        nodes=bonds.nodes.astype(np.int64),
+        neighbours=bonds.neighbours.astype(np.int64),
+        weights=bonds.weights.astype(float),
+        ends=ends,
+        sides=np.array(rows, np.int64).reshape(-1, 4),
+        beside=np.concatenate(beside),
+        inflow=np.zeros(engine.layout.size if rows else 0, engine.dtype),
+        totals=np.zeros((2, count)),
     )
+    engine.replace(flows=flows)
 
 
 def record_blocks(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
-    """Record sums over blocks of nodes in `block_values` after every step from now on.
-
-    Parameters
-    ----------
-    blocks : sequence of (places, weights)
-        Places of the first nodes of blocks in a level, shape (n,), and their weights along the three axes, three arrays
-        of shape (n, width).
+    """Record sums over blocks of nodes in `block_values` after every step from now on: places of the first nodes of
+    blocks in a level, shape (n,), and their weights along the three axes, three arrays of shape (n, width).
     """
     lanes = 64 // engine.dtype.itemsize
     stride, column = engine.tables.block_sums.stride, 0
-    sets, rows, tables, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, engine.dtype)], 0
+    sets, rows, weights, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, engine.dtype)], 0
     for places, (first, second, third) in blocks:
         padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
         middle = places % engine.layout.size + first.shape[1] // 2 * stride[0] + second.shape[1] // 2 * stride[1]
         order = np.argsort(middle, kind="stable")
         columns = [middle[order], places[order]]
         for along in (first, second, padded):
-            table, which = _distinct(along[order].astype(engine.dtype))
-            columns.append(count + table.shape[1] * which)
-            tables.append(table.ravel())
-            count += table.size
+            lines, which = _distinct(along[order].astype(engine.dtype))
+            columns.append(count + lines.shape[1] * which)
+            weights.append(lines.ravel())
+            count += lines.size
         sets.append([len(places), first.shape[1], second.shape[1], padded.shape[1]])
         columns.append(column + order)
         column += len(places)
         rows.append(np.stack(columns, axis=1))
     engine.replace(
         block_sums=engine.tables.block_sums._replace(
-            sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(tables)
+            sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(weights)
         )
     )
 

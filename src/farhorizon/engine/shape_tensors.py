@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-SINGULAR = 1e-3  # determinant below which a node has no gradient
+SINGULAR = 1e-3  # determinant below which a node has no gradient: its bonds hardly span the space
 FACE = 0.5  # harmonic mean of the eigenvalues on a flat face
 
 
 def inverse_shapes(shapes: np.ndarray) -> np.ndarray:
     """Inverse shape tensors, zero where the present bonds hardly span the space; shape (S, dim, dim)."""
-    whole = np.linalg.det(shapes) > SINGULAR
-    found = np.zeros_like(shapes)
-    found[whole] = np.linalg.inv(shapes[whole])
-    return found
+    regular = np.linalg.det(shapes) > SINGULAR
+    inverses = np.zeros_like(shapes)
+    inverses[regular] = np.linalg.inv(shapes[regular])
+    return inverses
 
 
 def harmonic_eigenvalue(shapes: np.ndarray) -> np.ndarray:
@@ -25,7 +25,7 @@ def harmonic_eigenvalue(shapes: np.ndarray) -> np.ndarray:
 
 
 def stress_left(shapes: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Share of the stress that nodes bear after bonds have broken, shape (S,), from their shape tensors and their
+    """Fraction of the stress that nodes bear after bonds have broken, shape (S,), from their shape tensors and their
     initial `harmonic_eigenvalue`: all of it until fewer bonds are left than on a flat face, or down to the last bond if
     `first` is 0.
 

@@ -1,36 +1,33 @@
-"""Complete state of an engine as one vector: the contents of a checkpoint without work space, halos and padding."""
+"""State of an engine: as one vector, without work space, halos and padding (`State`), and by the nodes of its box
+(`pieces_of`), which does not depend on the layout in memory, so that the state of one box can be assembled from those
+of others.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from farhorizon.engine.engine import Engine
 
+Box = Sequence[tuple[int, int]]  # first node and last + 1 along the three axes
+
 
 class State:
-    """Reads and writes the state of an engine, with all inputs (sources, prescribed values, a fixed halo) equal to
-    zero.
-
-    Parameters
-    ----------
-    engine : Engine
-        Its exact ends must be sums of exponentials: the past of a convolution is not a finite state.
-
-    Attributes
-    ----------
-    size : int
-        Number of entries of a state: all existing nodes of the time levels that a step reads, the memory of the layers,
-        the modes of exact ends, and the earlier values that conditions along an outline read.
-    every : int
-        Number of steps between filters of short waves in the layers; only the map of that many steps is always the
-        same.
+    """Reads and writes the state of an engine as one vector, with all inputs (sources, prescribed values, a fixed halo)
+    equal to zero: all existing nodes of the time levels that a step reads, the memory of the layers, the modes of exact
+    ends, and the earlier values that conditions along an outline read. Exact ends must be sums of exponentials: the
+    past of a convolution is not a finite state.
     """
+
+    size: int  # number of entries
+    every: int  # steps between filters of short waves in the layers; only the map of that many is always the same
 
     def __init__(self, engine: Engine) -> None:
         self.engine, self.every = engine, engine.tables.filter.every
@@ -107,16 +104,14 @@ class State:
         """Field of a state for a picture, with the shape of the core: for vectors the component with the largest
         value.
         """
-        found = self.field(values)
+        field = self.field(values)
         return (
-            found if self.engine.components == 1 else found[np.unravel_index(np.argmax(np.abs(found)), found.shape)[0]]
+            field if self.engine.components == 1 else field[np.unravel_index(np.argmax(np.abs(field)), field.shape)[0]]
         )
 
     def rows(self) -> Rows:
         """Entries of the state by (entry of a row along the normal, row), for an engine whose layers all lie on its
-        first axis.
-
-        The rows are translations along the other axes, the last axis fastest.
+        first axis. The rows are translations along the other axes, the last axis fastest.
         """
         axis = next(a for a in range(3) if self.engine.layout.reach[a])
         layout, components = self.engine.layout, self.engine.components
@@ -137,16 +132,16 @@ class State:
             names += [(level, c, *column) for column in columns]  # nodes of a layer are counted outwards
             start += count
         # the first component is the one along the normal
-        turned = {(level, 0): -1 for level in range(len(self._levels(0))) if components > 1}
-        for which, (normal, side), cells, alike in self.engine.layer_memory:
-            for c, found in enumerate(cells):
-                place.append(np.arange(start, start + found.size).reshape(found.shape))
-                names += [(-1 - which, c, side, p, len(found)) for p in range(len(found))]
-                turned[-1 - which, c] = 1 - 2 * alike[c][normal]
-                start += found.size
+        mirrored = {(level, 0): -1 for level in range(len(self._levels(0))) if components > 1}
+        for which, (normal, side), cells, signs_of_cells in self.engine.layer_memory:
+            for c, of_component in enumerate(cells):
+                place.append(np.arange(start, start + of_component.size).reshape(of_component.shape))
+                names += [(-1 - which, c, side, p, len(of_component)) for p in range(len(of_component))]
+                mirrored[-1 - which, c] = 1 - 2 * signs_of_cells[c][normal]
+                start += of_component.size
         number = {name: i for i, name in enumerate(names)}
         images = [number.get((level, c, -side, p if side else n - 1 - p, n)) for level, c, side, p, n in names]
-        signs = np.array([turned.get((level, c), 1) for level, c, *_ in names])
+        signs = np.array([mirrored.get((level, c), 1) for level, c, *_ in names])
         kinds = sorted({(level, c, n) for level, c, side, _, n in names if side == 0})
         near = np.array([[number[level, c, 0, p, n] for p in range(n)] for level, c, n in kinds])
         layers = {}
@@ -160,56 +155,25 @@ class State:
 
 @dataclass(frozen=True)
 class Rows:
-    """State arranged by rows along the normal of the layers.
+    """State arranged by rows along the normal of the layers."""
 
-    Attributes
-    ----------
-    place : ndarray of int, shape (entries, rows)
-        Position in the state of the entries of each row.
-    images : ndarray of int, shape (entries,), or None
-        Mirror image of each entry with respect to the middle between the sides; None if the sides differ.
-    signs : ndarray of int, shape (entries,)
-        Factor of an entry under this mirroring: -1 for the component along the normal, else 1.
-    near : ndarray of int, shape (levels * components, nodes)
-        Entries of the nodes of the core.
-    layers : mapping of int to ndarray of int, shape (levels, components, columns)
-        Entries of the nodes of the low (-1) and the high layer (1), outwards.
-    """
-
-    place: np.ndarray
-    images: np.ndarray | None
-    signs: np.ndarray
-    near: np.ndarray
+    place: np.ndarray  # position in the state of the entries of each row, shape (entries, rows)
+    images: np.ndarray | None  # mirror image of each entry in the middle between the sides; None if the sides differ
+    signs: np.ndarray  # factor of an entry under this mirroring: -1 for the component along the normal, else 1
+    near: np.ndarray  # entries of the nodes of the core, shape (levels * components, nodes)
+    # entries of the nodes of the low (-1) and the high layer (1), outwards, shape (levels, components, columns)
     layers: Mapping[int, np.ndarray]
 
 
 def digest(engine: Engine) -> str:
     """Hash of everything that determines the map of a step: engines with equal digests have the same map."""
-    rule = engine.tables.material.rule
-    mark = hashlib.sha256(
-        repr(
-            (
-                engine.dt,
-                engine.stages,
-                engine.reaction,
-                engine.core.nodes,
-                sorted(engine.layout.periodic),
-                rule,
-                engine.dtype.name,
-                engine.kept.name,
-            )
-        ).encode()
+    layers = sorted(engine.layers.items())
+    settings = (
+        *(engine.dt, engine.stages, engine.reaction, engine.core.nodes, sorted(engine.layout.periodic)),
+        *(engine.tables.material.rule, engine.dtype.name, engine.kept.name),
     )
-    layers = [
-        a
-        for _, layer in sorted(engine.layers.items())
-        for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps, layer.tuned)
-    ]
-    mark.update(
-        repr(
-            [(name, layer.columns, layer.whole, layer.every) for name, layer in sorted(engine.layers.items())]
-        ).encode()
-    )
+    mark = hashlib.sha256(repr(settings).encode())
+    mark.update(repr([(name, layer.columns, layer.whole, layer.every) for name, layer in layers]).encode())
     tables = engine.tables
     law = tables.gradient_pass.sweep.law
     none = np.zeros(0)
@@ -217,7 +181,11 @@ def digest(engine: Engine) -> str:
     for array in (
         engine.offsets,
         engine.weights,
-        *layers,
+        *(
+            array
+            for _, layer in layers
+            for array in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps, layer.tuned)
+        ),
         tables.material.coefficient,
         *tables.cuts,
         *tables.surface[:-1],
@@ -254,12 +222,127 @@ def as_before(engine: Engine) -> Iterator[None]:
         *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
         *engine.bonds.state.values(),
     ]
-    kept, phase, steps = [a.copy() for a in arrays], engine.phase, engine.steps_done
+    copies, phase, steps = [a.copy() for a in arrays], engine.phase, engine.steps_done
     try:
         yield
     finally:
-        for array, values in zip(arrays, kept, strict=True):
+        for array, values in zip(arrays, copies, strict=True):
             array[...] = values
         # lanes without nodes take what is left there, which may be infinite
         tables.work_space[...] = 0
         engine.phase, engine.steps_done = phase, steps
+
+
+class Piece(NamedTuple):
+    """Some values of a state by nodes."""
+
+    array: np.ndarray  # level or memory that contains them
+    places: np.ndarray  # index of each value in it; the last axes are some of those of the box
+    axes: tuple[int, ...]  # axes of the box that these are
+
+
+def pieces_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> dict[str, Piece]:
+    """Return all pieces of a state by name: of each level, of further ones that have their form, and of each pass and
+    layer.
+    """
+    nodes, axes = engine.layout.box.node_indices(), (0, 1, 2)
+    components = np.stack([nodes + c * engine.layout.size for c in range(engine.components)])
+    levels = {f"level/{k}": level for k, level in enumerate(engine.levels)} | dict(more or {})
+    pieces = {name: Piece(level, components, axes) for name, level in levels.items()}
+    pieces |= {name: Piece(engine.memory, places, across) for name, places, across in engine.remembered()}
+    bonds = engine.bonds.table
+    pieces |= {f"bonds/{word}": Piece(bits, nodes, axes) for word, bits in enumerate(bonds.alive)}
+    pieces |= {f"shares/{bond}": Piece(left, nodes, axes) for bond, left in enumerate(bonds.residual_stiffness)}
+    if engine.tables.phases.dissolved.size:
+        pieces["dissolved"] = Piece(engine.tables.phases.dissolved, nodes, axes)
+    return pieces
+
+
+def values_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
+    """Return copies of the values of all pieces by name; `more` as in `pieces_of`."""
+    return {name: piece.array[piece.places] for name, piece in pieces_of(engine, more).items()}
+
+
+def sums_of(engine: Engine) -> dict[str, float]:
+    """Return accumulated quantities by name: energy and number of broken bonds, work of the sources, losses by drag,
+    and the flow into each account; in units of the update.
+    """
+    return {
+        f"{name}/{i}": float(parts.sum())
+        for name, sums in parts_of_sums(engine).items()
+        for i, parts in enumerate(sums)
+    }
+
+
+def take_sums(engine: Engine, given: Mapping[str, float]) -> None:
+    """Continue to accumulate from the result of `sums_of`."""
+    for name, sums in parts_of_sums(engine).items():
+        for i, parts in enumerate(sums):
+            parts[...] = 0
+            parts.flat[0] = given[f"{name}/{i}"]
+
+
+def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
+    """Return the arrays, by places or threads, whose sums `sums_of` returns, by name; the first axis is that of the
+    sums. They share memory.
+    """
+    tables = engine.tables
+    accumulated = {
+        "broken": np.moveaxis(tables.bonds.broken, -1, 0),
+        "work": tables.work[None],
+        "drag": tables.drag.lost[None],
+        "flows": tables.flows.totals.T,
+    }
+    return {name: sums for name, sums in accumulated.items() if sums.size}
+
+
+def common(box: Box, other: Box, axes: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]] | None:
+    """Return the intersection of two boxes along some axes, counted in each of them; None if it is empty."""
+    pairs = [(max(box[a][0], other[a][0]), min(box[a][1], other[a][1]), a) for a in axes]
+    if any(first >= end for first, end, _ in pairs):
+        return None
+    in_box, in_other = (
+        tuple(slice(first - within[a][0], end - within[a][0]) for first, end, a in pairs) for within in (box, other)
+    )
+    return in_box, in_other
+
+
+class Assembly:
+    """Assembles the state of an engine from those of boxes that cover its own; `more` as in `pieces_of`."""
+
+    def __init__(self, engine: Engine, box: Box, more: Mapping[str, np.ndarray] | None = None) -> None:
+        self._engine, self._pieces, self._box = engine, pieces_of(engine, more), box
+        self._values = {name: piece.array[piece.places] for name, piece in self._pieces.items()}
+        self._lacks = {
+            name: np.ones(piece.places.shape[-len(piece.axes) :], bool) for name, piece in self._pieces.items()
+        }
+
+    def add(self, box: Box, arrays: Mapping[str, np.ndarray]) -> bool:
+        """Take over what a box has in common with this one; return whether its layers have the same form."""
+        for name, piece in self._pieces.items():
+            shared = common(self._box, box, piece.axes)
+            if name not in arrays or shared is None:
+                continue
+            (inside, source), values = shared, arrays[name]
+            front = values.ndim - len(piece.axes)
+            if values.shape[:front] != piece.places.shape[: -len(piece.axes)]:
+                return False
+            to: tuple[Any, ...] = (..., *inside)
+            of: tuple[Any, ...] = (..., *source)
+            self._values[name][to] = values[of]
+            self._lacks[name][inside] = False
+        return True
+
+    def put(self) -> bool:
+        """Write the state to the engine if it is complete; return whether it is."""
+        if any(lacking.any() for lacking in self._lacks.values()):
+            return False
+        bonds = self._engine.bonds
+        alive = bonds.table.alive.copy()
+        # what belongs to no node may be left from a field that was not finite; it is multiplied by zero at most
+        self._engine.memory[...] = self._engine.tables.work_space[...] = 0
+        for name, piece in self._pieces.items():
+            piece.array[piece.places] = self._values[name]
+        if bonds:
+            bonds.break_since(alive)
+        return True

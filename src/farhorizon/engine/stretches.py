@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.layout import Block
+from farhorizon.engine.layout import Block, ints, reals
 from farhorizon.engine.point_law import CHUNK
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
@@ -21,37 +21,23 @@ FIRST, COUNT, SLOT, LOST, LOST_END, ALONG = range(6)  # columns of `Stretches.ru
 
 
 class Stretches(NamedTuple):
-    """Nodes whose derivatives are stretched, in runs of neighbours along the last axis.
+    """Nodes whose derivatives are stretched, in runs of neighbours along the last axis; L nodes in all."""
 
-    Attributes
-    ----------
-    runs : ndarray of int, shape (R, 5 + dim)
-        Place of the first node, number of nodes, slot of the first node, first and last + 1 row of `lost`, and for each
-        axis whether any derivative along it is stretched.
-    keep, gain : ndarray, shape (dim, L)
-        Coefficients of the memory of a derivative along each axis, ``m <- keep m + gain (new + old)``, which is added
-        to it.
-    memory : ndarray, shape (2 dim^2 L,)
-        ``keep m + gain old`` of the derivatives, and of the contributions to the force in a step.
-    own : ndarray, shape (dim, L)
-        Sum of `vectors` over the present bonds.
-    lost : ndarray of int, shape (n, 3)
-        Cut bonds: index of the node in its run, place of the neighbour, number of the bond.
-    vectors : ndarray, shape (K, dim)
-        Weights of a neighbour's state in the force, by the axis of the derivative.
-    distances : ndarray of int, shape (K,)
-    room : ndarray, shape (threads, CHUNK)
-    """
-
-    runs: np.ndarray
-    keep: np.ndarray
-    gain: np.ndarray
-    memory: np.ndarray
-    own: np.ndarray
-    lost: np.ndarray
-    vectors: np.ndarray
-    distances: np.ndarray
-    room: np.ndarray
+    # Place of the first node, number of nodes, slot of the first node, first and last + 1 row of `lost`, and for each
+    # axis whether any derivative along it is stretched; shape (R, 5 + dim).
+    runs: np.ndarray = ints(0, 5)
+    # Coefficients of the memory of a derivative along each axis, ``m <- keep m + gain (new + old)``, which is added to
+    # it; shape (dim, L).
+    keep: np.ndarray = reals(0, 0)
+    gain: np.ndarray = reals(0, 0)
+    # ``keep m + gain old`` of the derivatives, and of the contributions to the force in a step; shape (2 dim^2 L,).
+    memory: np.ndarray = reals(0)
+    own: np.ndarray = reals(0, 0)  # sum of `vectors` over the present bonds, shape (dim, L)
+    lost: np.ndarray = ints(0, 3)  # cut bonds: index of the node in its run, place of the neighbour, number of the bond
+    # Weights of a neighbour's state in the force, by the axis of the derivative; shape (K, dim).
+    vectors: np.ndarray = reals(0, 0)
+    distances: np.ndarray = ints(0)  # shape (K,)
+    room: np.ndarray = reals(0, 0)  # shape (threads, CHUNK)
 
     @property
     def places(self) -> np.ndarray:
@@ -61,40 +47,21 @@ class Stretches(NamedTuple):
         )
 
 
-def no_stretches(real: np.dtype) -> Stretches:
-    """Return tables without any stretched derivatives."""
-    nothing, some = np.zeros((0, 0), real), np.zeros(0, real)
-    none = np.zeros(0, np.int64)
-    return Stretches(
-        np.zeros((0, 5), np.int64), nothing, nothing, some, nothing, np.zeros((0, 3), np.int64), nothing, none, nothing
-    )
-
-
 def stretches_of(
     box: Block, phi: np.ndarray, alpha: np.ndarray, dt: float, vectors: np.ndarray, distances: np.ndarray
 ) -> Stretches:
-    """Return the tables of nodes with a stretch along some axis, in a medium with all its bonds.
-
-    Parameters
-    ----------
-    box : Block
-    phi : ndarray, shape (dim, *box)
-        Rate of the stretch along each of the last axes (1/time).
-    alpha : ndarray, shape of the box
-        Shift of the stretch (1/time).
-    dt : float
-    vectors, distances : ndarray
-        See `Stretches`.
+    """Return the tables of nodes with a stretch along some axis, in a medium with all its bonds. `phi`, shape (dim,
+    *box), is the rate of the stretch along each of the last axes and `alpha` its shift (both 1/time).
     """
     real, dim = vectors.dtype, len(phi)
     rate = phi + alpha
     keep = np.exp(-rate * dt)
     gain = -0.5 * np.divide(phi, rate, out=np.zeros_like(phi), where=rate > 0) * (1 - keep)
-    there: np.ndarray = np.any(phi > 0, axis=0)
+    stretched: np.ndarray = np.any(phi > 0, axis=0)
     places, runs = box.node_indices(), []
     slot = 0
-    for i0, i1 in zip(*np.nonzero(np.any(there, axis=2)), strict=True):
-        ends = np.flatnonzero(np.diff(there[i0, i1].astype(int), prepend=0, append=0))
+    for i0, i1 in zip(*np.nonzero(np.any(stretched, axis=2)), strict=True):
+        ends = np.flatnonzero(np.diff(stretched[i0, i1].astype(int), prepend=0, append=0))
         for first, last in ends.reshape(-1, 2):
             for begin in range(first, last, CHUNK):
                 count = min(CHUNK, last - begin)
@@ -102,32 +69,25 @@ def stretches_of(
                 runs.append([places[i0, i1, begin], count, slot, 0, 0, *along.astype(int)])
                 slot += count
     return Stretches(
-        np.array(runs, np.int64).reshape(-1, ALONG + dim),
-        np.ascontiguousarray(keep[:, there]).astype(real),
-        np.ascontiguousarray(gain[:, there]).astype(real),
-        np.zeros(2 * dim * dim * slot, real),
-        np.zeros((dim, slot), real),
-        np.zeros((0, 3), np.int64),
-        vectors,
-        distances,
-        np.zeros((0, CHUNK), real),
+        runs=np.array(runs, np.int64).reshape(-1, ALONG + dim),
+        keep=np.ascontiguousarray(keep[:, stretched]).astype(real),
+        gain=np.ascontiguousarray(gain[:, stretched]).astype(real),
+        memory=np.zeros(2 * dim * dim * slot, real),
+        own=np.zeros((dim, slot), real),
+        lost=np.zeros((0, 3), np.int64),
+        vectors=vectors,
+        distances=distances,
+        room=np.zeros((0, CHUNK), real),
     )
 
 
 def without_bonds(
-    whole: Stretches, missing: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, bonds: np.ndarray
+    stretches: Stretches, missing: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, bonds: np.ndarray
 ) -> Stretches:
-    """Return the tables of the same nodes where some bonds are absent.
-
-    Parameters
-    ----------
-    whole : Stretches
-    missing : ndarray, shape (dim, L)
-        Sum of `vectors` over the absent bonds, slot by slot.
-    nodes, neighbours, bonds : ndarray of int, shape (n,)
-        Node, other end and number of the bonds that are cut.
+    """Return the tables of the same nodes without some bonds, given by their node, other end and number; `missing`,
+    shape (dim, L), is the sum of `vectors` over the absent ones, slot by slot.
     """
-    places, runs = whole.places, whole.runs.copy()
+    places, runs = stretches.places, stretches.runs.copy()
     order = np.argsort(places)
     at = np.minimum(np.searchsorted(places[order], nodes), max(len(places) - 1, 0))
     known = places[order][at] == nodes if len(places) else np.zeros(len(nodes), bool)
@@ -140,7 +100,7 @@ def without_bonds(
     )
     owners = np.searchsorted(runs[:, SLOT], slots, side="right") - 1
     lost = np.stack([slots - runs[owners, SLOT], neighbours, bonds], axis=1).astype(np.int64)
-    return whole._replace(runs=runs, own=np.ascontiguousarray(-missing, whole.own.dtype), lost=lost)
+    return stretches._replace(runs=runs, own=np.ascontiguousarray(-missing, stretches.own.dtype), lost=lost)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -160,8 +120,8 @@ def stretch_states(thread, law, stretches, begins):
     """Stretch the states of the nodes."""
     values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
     size, slots = values.size // (dim * dim), stretches.keep.shape[1]
-    own = chunk_of(thread, runs.shape[0])
-    for r in range(own[0], own[1]):
+    chunk = chunk_of(thread, runs.shape[0])
+    for r in range(chunk[0], chunk[1]):
         count, slot = runs[r, COUNT], runs[r, SLOT]
         for row in range(dim * dim):
             along = row % dim
@@ -184,8 +144,8 @@ def stretch_forces(thread, stage, law, stretches, begins):
     values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
     vectors, distances, lost = stretches.vectors, stretches.distances, stretches.lost
     size, slots, apart = values.size // (dim * dim), stretches.keep.shape[1], stage.out.size // dim
-    own = chunk_of(thread, runs.shape[0])
-    for r in range(own[0], own[1]):
+    chunk = chunk_of(thread, runs.shape[0])
+    for r in range(chunk[0], chunk[1]):
         place, count, slot = runs[r, FIRST], runs[r, COUNT], runs[r, SLOT]
         total = stretches.room[thread.number, :count]
         for row in range(dim * dim):

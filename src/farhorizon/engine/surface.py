@@ -1,4 +1,5 @@
-"""Nodes at the surface of a body: which of their bonds lead to places without a node.
+"""Nodes at the surface of a body: which of their bonds lead to places without a node, and the tables of what they
+lack, row by row.
 
 A place without a node holds zero. The contribution of such a bond to a sweep is its weight times the node's own value
 (subtracted), so that one number per node (for vectors one matrix), the sum of those weights, corrects all of them.
@@ -7,41 +8,28 @@ A place without a node holds zero. The contribution of such a bond to a sweep is
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 
-from farhorizon.engine.layout import SLACK, Block
-from farhorizon.engine.rows.build import load_map
+from farhorizon.engine.layout import SLACK, Block, with_defaults
+from farhorizon.engine.point_law import ALIKE, EACH, LawRows
+from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.tables import Surface
+
+_LONG = 8  # number of neighbours with one matrix; fewer take one vector, in which each may have its own
 
 
 def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Find the bonds of the nodes of a block of which only one end exists.
+    """Find the bonds of a block's nodes of which only one end exists, for offsets (K, 3) and `exists` by place.
 
-    Parameters
-    ----------
-    block : Block
-    offsets : ndarray of int, shape (K, 3)
-    exists : ndarray of bool, shape (places,)
-        Where nodes exist.
-
-    Returns
-    -------
-    at : tuple of three ndarrays of int, shape (S,)
-        Nodes with such bonds, by axis.
-    bare : ndarray of bool, shape (K, S)
-        Which bonds these are.
+    Return the S nodes with such bonds, three indices by axis, and which bonds these are, shape (K, S).
     """
     at = np.nonzero(_reached(block, exists) & _reached(block, ~exists))
-    flat = block.origin + sum(i * s for i, s in zip(at, block.stride, strict=True))
-    bare = np.stack([exists[flat] != exists[flat + int(offset @ np.array(block.stride))] for offset in offsets])
-    found = bare.any(0)
-    return tuple(i[found] for i in at), bare[:, found]
-
-
-def no_surface(dtype: np.dtype) -> Surface:
-    """Return the tables of a block that has all its bonds."""
-    return Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros(0, dtype), 0)
+    places = block.origin + sum(i * s for i, s in zip(at, block.stride, strict=True))
+    bare = np.stack([exists[places] != exists[places + int(offset @ np.array(block.stride))] for offset in offsets])
+    lacking = bare.any(0)
+    return tuple(i[lacking] for i in at), bare[:, lacking]
 
 
 def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
@@ -49,10 +37,11 @@ def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
     rows, columns).
     """
     if not len(nodes):
-        return no_surface(weights.dtype)
+        return with_defaults(Surface, weights.dtype)
     rows, columns = weights.shape[1:] or (1, 1)
-    function = load_map((tuple(range(columns)),) * rows, columns, True, True, weights.dtype.name)
-    return Surface(*in_rows(block, nodes, weights), function)
+    entries, real = (tuple(range(columns)),) * rows, weights.dtype.name
+    functions = load_rows("map_rows", entries=entries, columns=columns, each=True, added=True, real=real)
+    return Surface(*in_rows(block, nodes, weights), *functions)
 
 
 def in_rows(block: Block, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -64,37 +53,23 @@ def in_rows(block: Block, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.nd
     return shared_rows(np.cumsum(np.append(0, counts)), third[order], numbers)
 
 
-def _reached(block: Block, there: np.ndarray) -> np.ndarray:
-    """Which nodes of a block have a place that is `there` in the box within reach of them."""
-    found = block.all(there)
+def _reached(block: Block, marked: np.ndarray) -> np.ndarray:
+    """Which nodes of a block have a marked place of the box within reach of them."""
+    near = block.all(marked)
     for axis, m in enumerate(block.reach):
-        found = np.asarray(np.lib.stride_tricks.sliding_window_view(found, 2 * m + 1, axis).any(-1))
-    return found
+        near = np.asarray(np.lib.stride_tricks.sliding_window_view(near, 2 * m + 1, axis).any(-1))
+    return near
 
 
 def shared_rows(
     starts: np.ndarray, places: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arrange weights on nodes of rows in stretches of neighbours; equal rows share theirs, so that these stay in the
-    cache.
+    """Arrange weights, shape (N, n), on nodes of rows in stretches of neighbours; equal rows share theirs, so that
+    these stay in the cache. `starts` are the first entries of the R rows and the end, `places` positions along them.
 
-    Parameters
-    ----------
-    starts : ndarray of int, shape (R + 1,)
-        First entry of each row.
-    places : ndarray of int, shape (N,)
-        Positions of the nodes along their row.
-    weights : ndarray, shape (N, n)
-
-    Returns
-    -------
-    ranges : ndarray of int, shape (R, 2)
-        First stretch of each row, and last + 1.
-    stretches : ndarray of int, shape (T, 3)
-        First node, last + 1, and the index of its first entry of `weights`.
-    weights : ndarray
-        For each stretch the first number of all its nodes, then the second, and so on; padded by as many entries as a
-        vector may read beyond the last.
+    Return for each row its first stretch and last + 1; for each stretch its first node, last + 1, and the index of its
+    first entry of the weights; and these: for each stretch the first number of all its nodes, then the second, and so
+    on, padded by as many entries as a vector may read beyond the last.
     """
     known: dict[bytes, int] = {}
     kept: list[np.ndarray] = []
@@ -112,9 +87,44 @@ def shared_rows(
     stretches = np.stack([places[begins], places[begins] + lengths, numbers * begins], axis=1)
     ranges = np.searchsorted(owner[begins], np.stack([rows, rows + 1], axis=1))
     # positions of the numbers of each entry: after those of earlier stretches, one number of a stretch after another
-    own = np.repeat(np.arange(len(begins)), lengths)
-    at = (numbers - 1) * begins[own] + np.arange(end)
-    found = np.zeros(numbers * end + SLACK, weights.dtype)
+    stretch_of = np.repeat(np.arange(len(begins)), lengths)
+    at = (numbers - 1) * begins[stretch_of] + np.arange(end)
+    arranged = np.zeros(numbers * end + SLACK, weights.dtype)
     for number in range(numbers):
-        found[at + number * lengths[own]] = weights[entries, number]
-    return ranges, stretches, found
+        arranged[at + number * lengths[stretch_of]] = weights[entries, number]
+    return ranges, stretches, arranged
+
+
+def law_rows(block: Block, nodes: np.ndarray, numbers: np.ndarray, matrices: np.ndarray) -> LawRows:
+    """Return the law's tables for places of a block that lack bonds, given the indices of their matrices."""
+    ranges, stretches, kinds = in_rows(block, nodes, numbers)
+    used, weights = matrices.size, [matrices.ravel()]
+    parts, firsts = [], [0]
+    for place, stop, start in stretches.tolist():
+        for first, end in _runs(kinds[start : start + stop - place]):
+            entry, count = start + first, end - first
+            of_part = kinds[entry : entry + count]
+            if count >= _LONG and (of_part == of_part[0]).all():
+                place_of = (ALIKE, of_part[0] * matrices[0].size, 1)
+            else:
+                place_of = (EACH, used, count)
+                weights.append(matrices[of_part].reshape(count, -1).T.ravel())
+                used += weights[-1].size
+            parts.append((place + first, place + end, *place_of, entry))
+        firsts.append(len(parts))
+    table = np.array(parts, np.int64).reshape(-1, 6)
+    return LawRows(np.array(firsts)[ranges], table, kinds, np.pad(np.concatenate(weights), (0, SLACK)))
+
+
+def _runs(kinds: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield first and last + 1 of long runs of equal numbers, and of what lies between them."""
+    begun = first = 0
+    for end in np.append(np.flatnonzero(np.diff(kinds)) + 1, len(kinds)).tolist():
+        if end - first >= _LONG:
+            if begun < first:
+                yield begun, first
+            yield first, end
+            begun = end
+        first = end
+    if begun < first:
+        yield begun, first

@@ -13,53 +13,36 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, bond_factor, curved_part
+from farhorizon.engine.layout import reals
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, chunk_of
 
 
 class ThermalStrains(NamedTuple):
-    """Thermal strains of the nodes.
+    """Thermal strains of the nodes; each table may be empty."""
 
-    Attributes
-    ----------
-    thermal_strain : ndarray, shape (places,), or empty
-        Strains at the present time.
-    rate : ndarray, shape (places,), or empty
-        Change of the strains per step.
-    vectors : ndarray, shape (K, d), or empty
-        Forces of the springs of state-based media per unit strain, in units of the operator.
-    beyond : ndarray, shape (K, d), or empty
-        If heat passes through the layers, the same for springs of state-based media and for all bonds of others, see
-        `engine.thermoelastic_layers`; `vectors` is empty then.
-    traces : ndarray, shape (places,), or empty
-        Contributions of the layers to the traces of the stresses.
-    """
-
-    thermal_strain: np.ndarray
-    rate: np.ndarray
-    vectors: np.ndarray
-    beyond: np.ndarray
-    traces: np.ndarray
-
-
-def no_heat(real: np.dtype) -> ThermalStrains:
-    """Return empty tables."""
-    nothing = np.zeros(0, real)
-    return ThermalStrains(nothing, nothing, np.zeros((0, 0), real), np.zeros((0, 0), real), nothing)
+    thermal_strain: np.ndarray = reals(0)  # (places,): at the present time
+    rate: np.ndarray = reals(0)  # (places,): change per step
+    #: (K, d): forces of the springs of state-based media per unit strain, in units of the operator
+    vectors: np.ndarray = reals(0, 0)
+    #: (K, d), if heat passes through the layers: the same for springs of state-based media and for all bonds of others,
+    #: see `layer_passes.heat_passes`; `vectors` is empty then
+    beyond: np.ndarray = reals(0, 0)
+    traces: np.ndarray = reals(0)  # (places,): contributions of the layers to the traces of the stresses
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def advance_thermal_strains(thread, heat):
     """Advance the strains to the next step."""
-    own = chunk_of(thread, heat.rate.size)
-    for i in range(own[0], own[1]):
+    first, last = chunk_of(thread, heat.rate.size)
+    for i in range(first, last):
         heat.thermal_strain[i] += heat.rate[i]
     barrier(thread)
 
 
 @njit(error_model="numpy", cache=True)
-def add_traces(found, level, components, block, material, bonds, vectors):
-    """Add to `found`, for each place, half the sum over the present bonds of their relative displacement along
+def add_traces(traces, level, components, block, material, bonds, vectors):
+    """Add to `traces`, for each place, half the sum over the present bonds of their relative displacement along
     `vectors`: the factor of the node's thermal strain in the energy. This is the adjoint of the thermal forces: the sum
     of strain times trace over all nodes equals that of displacement times force.
     """
@@ -68,30 +51,30 @@ def add_traces(found, level, components, block, material, bonds, vectors):
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
             node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
-            sums = found[node : node + width]
+            sums = traces[node : node + width]
             for k in range(vectors.shape[0]):
-                distance, bit, one = bonds.places[k, 0], np.uint64(k & 63), np.uint64(1)
+                distance, bit, unity = bonds.places[k, 0], np.uint64(k & 63), np.uint64(1)
                 alive = bonds.alive[k >> 6, node : node + width]
                 for a in range(components):
                     half = 0.5 * np.float64(vectors[k, a])
                     if half == 0:
                         continue
-                    here, there = level[node + a * apart :], level[node + distance + a * apart :]
+                    near, far = level[node + a * apart :], level[node + distance + a * apart :]
                     if coefficient.size > 1:
                         for i in range(width):
                             at = node + i
                             factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
-                            stretch = half * factor * (np.float64(there[i]) - np.float64(here[i]))
-                            sums[i] += stretch * np.float64((alive[i] >> bit) & one)
+                            stretch = half * factor * (np.float64(far[i]) - np.float64(near[i]))
+                            sums[i] += stretch * np.float64((alive[i] >> bit) & unity)
                     else:
                         for i in range(width):
-                            stretch = half * (np.float64(there[i]) - np.float64(here[i]))
-                            sums[i] += stretch * np.float64((alive[i] >> bit) & one)
+                            stretch = half * (np.float64(far[i]) - np.float64(near[i]))
+                            sums[i] += stretch * np.float64((alive[i] >> bit) & unity)
 
 
 @njit(error_model="numpy", cache=True)
-def add_traces_of_states(found, values, block, bonds, units):
-    """Add to `found` the product of the law's results with the sum of `units` over the present bonds, where `units` is
+def add_traces_of_states(traces, values, block, bonds, units):
+    """Add to `traces` the product of the law's results with the sum of `units` over the present bonds, where `units` is
     the contribution of each bond to the state of a unit strain in all directions.
     """
     zone, size = bonds.zone, values.size // units.shape[1]
@@ -99,15 +82,15 @@ def add_traces_of_states(found, values, block, bonds, units):
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
             node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
-            sums = found[node : node + width]
+            sums = traces[node : node + width]
             for k in range(units.shape[0]):
-                bit, one = np.uint64(k & 63), np.uint64(1)
+                bit, unity = np.uint64(k & 63), np.uint64(1)
                 alive = bonds.alive[k >> 6, node : node + width]
                 for row in range(units.shape[1]):
-                    unit, own = units[k, row], values[row * size + node :]
+                    unit, result = units[k, row], values[row * size + node :]
                     if unit != 0:
                         for i in range(width):
-                            sums[i] += unit * np.float64(own[i]) * np.float64((alive[i] >> bit) & one)
+                            sums[i] += unit * np.float64(result[i]) * np.float64((alive[i] >> bit) & unity)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -118,14 +101,14 @@ def push_springs(thread, stage, block, material, bonds, heat):
     """
     zone, thermal_strain, vectors, coefficient = bonds.zone, heat.thermal_strain, heat.vectors, material.coefficient
     planes, rows, width = zone[END] - zone[FIRST], zone[END + 1] - zone[FIRST + 1], zone[END + 2] - zone[FIRST + 2]
-    apart, own = stage.out.size // stage.components, chunk_of(thread, planes * rows)
-    for number in range(own[0], own[1]):
+    apart, chunk = stage.out.size // stage.components, chunk_of(thread, planes * rows)
+    for number in range(chunk[0], chunk[1]):
         i0, i1 = zone[FIRST] + number // rows, zone[FIRST + 1] + number % rows
         node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
         for k in range(vectors.shape[0]):
             distance, bit = bonds.places[k, 0], np.uint64(k & 63)
-            alive, one = bonds.alive[k >> 6, node:], np.uint64(1)
-            here, there = thermal_strain[node:], thermal_strain[node + distance :]
+            alive, unity = bonds.alive[k >> 6, node:], np.uint64(1)
+            near, far = thermal_strain[node:], thermal_strain[node + distance :]
             for a in range(stage.components):
                 push, out = stage.scale * vectors[k, a] / 2, stage.out[node + a * apart :]
                 for i in range(width):
@@ -133,8 +116,8 @@ def push_springs(thread, stage, block, material, bonds, heat):
                     if coefficient.size > 1:
                         at = node + i
                         factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
-                    if (alive[i] >> bit) & one != 0:
-                        out[i] -= push * factor * (here[i] + there[i])
+                    if (alive[i] >> bit) & unity != 0:
+                        out[i] -= push * factor * (near[i] + far[i])
     barrier(thread)
 
 
@@ -144,8 +127,8 @@ def push_beyond(thread, stage, block, material, bonds, heat):
     their own, or of the springs of state-based media.
     """
     vectors, coefficient, thermal_strain = heat.beyond, material.coefficient, heat.thermal_strain
-    apart, own = stage.out.size // stage.rows, chunk_of(thread, block[1] * block[2])
-    for number in range(own[0], own[1]):
+    apart, chunk = stage.out.size // stage.rows, chunk_of(thread, block[1] * block[2])
+    for number in range(chunk[0], chunk[1]):
         i0, i1 = number // block[2], number % block[2]
         node = block[0] + i0 * block[4] + i1 * block[5]
         for k in range(vectors.shape[0]):

@@ -94,7 +94,7 @@ def barrier(thread):
 
 @njit(cache=True, entry=False)
 def claim(thread, owner):
-    """Return the number of the next piece of a thread's share that no thread has claimed since the last barrier."""
+    """Return the number of the next piece of a thread's chunk that no thread has claimed since the last barrier."""
     return add(np.int64(thread.shared.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
 
 
@@ -105,18 +105,18 @@ def chunk_of(thread, count):
 
 
 def side_by_side(work: Callable[[Struct], None], count: int) -> None:
-    """Call `work`, which must release the interpreter's lock, with every `Thread` at the same time. An interrupt waits
-    until all have ended: threads without one of the others would wait for it forever.
+    """Call `work`, which must release the interpreter's lock, with each `Thread` at the same time. An interrupt waits
+    until all have ended: threads would wait forever for one that is missing.
     """
     if count == 1:
         work(ALONE)
         return
     shared = np.zeros(_CLAIMED + count * _LINE, np.int64)
     threads = [Struct(Thread(number, count, shared)) for number in range(count)]
-    others = [threading.Thread(target=work, args=(thread,), daemon=True) for thread in threads[1:]]
+    started = [threading.Thread(target=work, args=(thread,), daemon=True) for thread in threads[1:]]
     with uninterrupted():
-        for thread in others:
+        for thread in started:
             thread.start()
         work(threads[0])
-        for thread in others:
+        for thread in started:
             thread.join()

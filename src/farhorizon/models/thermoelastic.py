@@ -56,7 +56,7 @@ class Thermoelastic(LatticeModel):
     Biot (1956), Journal of Applied Physics 27, 240. Long waves are adiabatic, and faster than without heat, by half of
     :math:`T_0 \beta^2 / (\rho c\,(\lambda + 2 \mu))`, a percent or so in metals. On the lattice, mechanical energy and
     the energy of the temperature, ``rho c (T - T0)^2 / 2 T0``, are exchanged exactly to rounding error
-    (`farhorizon.simulation.heat.heat_of_deformation`). Through a `LatticePML` or an `Extended` domain shared by both
+    (`farhorizon.simulation.heat.coupled_temperature`). Through a `LatticePML` or an `Extended` domain shared by both
     fields on a side, they continue together (`farhorizon.simulation.heat.thermoelastic_sides`), provided that the heat
     is integrated by the forward Euler method. Next to other absorbing sides and clamped sides, the solid must be at the
     reference temperature, and with `coupled` the expansion is tapered smoothly to zero.

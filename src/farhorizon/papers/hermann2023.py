@@ -215,10 +215,11 @@ def _pictures(
     """Draw the fields of the runs `shown` and of the reference, the last differences of those `apart`, and all
     errors."""
     from farhorizon.pictures.fields import field_table
+    from farhorizon.pictures.panels import Look
 
     axes, cracks = setup["lattice"].axes, [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
     columns = [reference, *((label, runs[label].fields[: len(TIMES)]) for label in shown)]
-    field_table([f"$t = {t:g}$" for t in TIMES], columns, axes, paths[0], cracks=cracks)
+    field_table([f"$t = {t:g}$" for t in TIMES], columns, axes, paths[0], Look(cracks=cracks))
     far = {label: runs[label] for label in apart}
     differences_picture(paths[1], axes, course[-1], reference[1][-1], far, cracks)
     errors_picture(paths[2], course, runs)

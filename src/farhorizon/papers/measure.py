@@ -164,8 +164,11 @@ def differences_picture(
 ) -> None:
     """Draw the last difference from the infinite medium for each run that reaches the last time."""
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel
 
     panels = [
-        (f"{label}, $t = {t:g}$", run.fields[-1] - exact) for label, run in runs.items() if np.isfinite(run.errors[-1])
+        Panel(f"{label}, $t = {t:g}$", run.fields[-1] - exact)
+        for label, run in runs.items()
+        if np.isfinite(run.errors[-1])
     ]
-    field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")
+    field_panels(panels, axes, path, Look(r"$u - u_\infty$", shared=False, cracks=cracks))

@@ -352,20 +352,22 @@ def _pictures(
     from farhorizon.pictures.curves import error_history
     from farhorizon.pictures.fields import field_panels, gradient_panels
     from farhorizon.pictures.fronts import front
+    from farhorizon.pictures.panels import Look, Panel
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes
-    fields = [
-        (f"{_SHOWN.get(words, words)}, t = {t:g}", u)
+    panels = [
+        Panel(f"{_SHOWN.get(words, words)}, t = {t:g}", u)
         for words in (first, "infinite medium")
         for t, u in zip(shown, course.fields[words], strict=True)
     ]
     parts = ("fields", "front", "error", "energy", "gradients", "initial")
     paths = [folder / f"{name}-{part}.png" for part in parts]
     metal = [~(course.dissolved <= t) & ~np.isnan(u) for t, u in zip(shown, course.fields[first], strict=True)]
-    field_panels(fields, axes, paths[0], shared_scale=False, solids=2 * metal)
-    gradient_panels(fields[: len(shown)], axes, paths[4], solids=metal)
-    field_panels([("t = 0", course.initial)], axes, paths[5])
+    panels = [panel._replace(solid=solid) for panel, solid in zip(panels, 2 * metal, strict=True)]
+    field_panels(panels, axes, paths[0], Look(shared=False))
+    gradient_panels(panels[: len(shown)], axes, paths[4])
+    field_panels([Panel("t = 0", course.initial)], axes, paths[5])
     front(course.dissolved, axes, paths[1], outside=np.isnan(course.fields[first][0]))
     times = np.array(course.times)
     error_history(

@@ -653,6 +653,7 @@ def indent(load: float, dt: float, until: float = 10e-6) -> tuple[Simulation, np
 def figure_7(folder: Path, full: bool = False) -> Outcome:
     """Damage after 10 microseconds; without `full` the time step is 20 times that of the paper."""
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel
     from farhorizon.pictures.style import DAMAGE, counted_in
 
     sim, before = indent(250.0, _crack_step(full))
@@ -688,10 +689,11 @@ def figure_7(folder: Path, full: bool = False) -> Outcome:
     paths = [folder / f"wildman2012-{name}.png" for name in ("fig7", "fig8")]
     close = (slice(40, 61), slice(-16, None))
     parts = [axis[part] for axis, part in zip(axes, close, strict=True)]
-    look: dict[str, Any] = {"label": "damage", "colors": DAMAGE}
+    look = Look("damage", colors=DAMAGE, cracks=cracks)
     with counted_in({"length": "mm"}):
-        field_panels([("after 10 \N{MICRO SIGN}s", damage)], axes, paths[0], cracks=cracks, **look)
-        field_panels([("right half, close-up", damage[close])], parts, paths[1], cracks=cracks[1:], **look)
+        field_panels([Panel("after 10 \N{MICRO SIGN}s", damage)], axes, paths[0], look)
+        panel, look = Panel("right half, close-up", damage[close]), look._replace(cracks=cracks[1:])
+        field_panels([panel], parts, paths[1], look)
     compared = [
         Comparison.of_rows("figure 7", rows, "a crack of 2.11 mm at 250 N"),
         Comparison(

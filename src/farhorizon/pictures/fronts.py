@@ -2,59 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.fields import panel_grid
-from farhorizon.pictures.images import cell_edges
-from farhorizon.pictures.style import figure_at, number_text, with_unit
+from farhorizon.pictures.panels import PLAIN, Axes, Grid, Look, Plane, cell_edges
+from farhorizon.pictures.style import COLORS, SEQUENTIAL, figure_at, with_unit
 
 
-def _around(axis: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
-    """Part of an axis that contains the wanted nodes, with a margin on either side of a tenth of their extent, at least
-    two cells; all of it if there are none.
+def _around(axis: np.ndarray, nodes: np.ndarray) -> tuple[float, float]:
+    """Part of an axis that contains some nodes, with a margin on either side of a tenth of their extent, at least two
+    cells; all of it if there are none.
     """
-    found = axis[wanted] if wanted.any() else axis
-    more = max(0.1 * np.ptp(found), 2 * (axis[1] - axis[0]))
-    return float(max(found[0] - more, axis[0])), float(min(found[-1] + more, axis[-1]))
+    part = axis[nodes] if nodes.any() else axis
+    margin = max(0.1 * np.ptp(part), 2 * (axis[1] - axis[0]))
+    return float(max(part[0] - margin, axis[0])), float(min(part[-1] + margin, axis[-1]))
 
 
 def front(
-    dissolved: np.ndarray,
-    axes: Sequence[np.ndarray],
-    path: str | Path,
-    *,
-    outside: np.ndarray | None = None,
-    cracks: Any = (),
-    plane: tuple[int, int] | None = None,
+    dissolved: np.ndarray, axes: Axes, path: str | Path, look: Look = PLAIN, outside: np.ndarray | None = None
 ) -> None:
-    """Draw the dissolution of metal: the time at which each node became liquid, fronts at evenly spaced times, and the
-    remaining metal.
-
-    Parameters
-    ----------
-    dissolved : ndarray, shape (nx, ny[, nz])
-        `Simulation.fields["dissolved"]`: nan in the metal, 0 where there was liquid from the start. In 3D a slice is
-        drawn.
-    axes : sequence of ndarray
-        Coordinates of the nodes along each axis, two or three.
-    path : str or Path
-        The PNG file.
-    outside : ndarray of bool, optional
-        Nodes outside a window, left blank.
-    cracks : sequence of ndarray, each of shape (n, dim)
-        Polylines, drawn as lines.
-    plane : (int, int), optional
-        In 3D, the axis normal to the slice, and the index of the slice along it; the middle of z if not given.
-
-    Raises
-    ------
-    InputError
-        The number of axes is not two or three or does not match the field, or the directory does not exist.
+    """Draw the dissolution of metal in 2D or on a slice in 3D: the time at which each node became liquid (nan in the
+    metal, 0 where there was liquid from the start), fronts at evenly spaced times, and the remaining metal; nodes
+    `outside` a window are left blank.
     """
     from matplotlib.colors import ListedColormap
 
@@ -65,31 +37,27 @@ def front(
             limit=[len(axis) for axis in axes],
         )
     blank = np.zeros(dissolved.shape, bool) if outside is None else outside
-    title = ""
-    names = "xy"
+    title, names = "", "xy"
     if len(axes) == 3:
-        normal, index = plane or (2, dissolved.shape[2] // 2)
-        dissolved, blank = dissolved.take(index, normal), blank.take(index, normal)
-        title = f"{'xyz'[normal]} = {number_text(axes[normal][index], np.ptp(axes[normal]))}"
-        names = "xyz".replace("xyz"[normal], "")
-        axes = [axis for number, axis in enumerate(axes) if number != normal]
-        cracks = [np.delete(points, normal, 1) for points in cracks]
+        plane = look.plane or Plane.middle(dissolved.shape)
+        title, names = plane.place(axes), plane.names
+        dissolved, blank = plane.of(dissolved), plane.of(blank)
+        axes, look = plane.within(axes), look.cut(plane)
     metal = np.isnan(dissolved) & ~blank
     last = float(np.nanmax(dissolved, initial=0.0)) or 1.0
-    once = metal | (dissolved > 0)
-    shown = [_around(axis, once.any(1 - number)) for number, axis in enumerate(axes[:2])]
-    _, _, width, height = panel_grid(1, np.ptp(shown[1]) / np.ptp(shown[0]))
-    with figure_at(path, (1.4 * width + 1.5, 1.4 * height + 0.8), "compressed") as figure:
+    once = metal | (dissolved > 0)  # nodes that were metal
+    shown = [_around(axis, once.any(1 - number)) for number, axis in enumerate(axes)]
+    grid = Grid.of(1, np.ptp(shown[1]) / np.ptp(shown[0]))
+    with figure_at(path, (1.4 * grid.width + 1.5, 1.4 * grid.height + 0.8), "compressed") as figure:
         panel = figure.add_subplot()
-        style: dict[str, Any] = {"origin": "lower", "extent": cell_edges(axes[:2]), "aspect": "equal"}
+        style: dict[str, Any] = {"origin": "lower", "extent": cell_edges(axes), "aspect": "equal"}
         panel.imshow(np.where(metal, 1.0, np.nan).T, cmap=ListedColormap(["0.55"]), **style)
-        times = panel.imshow(np.where(dissolved > 0, dissolved, np.nan).T, cmap="viridis", vmin=0, vmax=last, **style)
-        late = np.where(metal, 1.25 * last, np.where(once, dissolved, np.nan))
-        panel.contour(*axes[:2], late.T, levels=np.linspace(0.2, 0.8, 4) * last, colors="white", linewidths=0.6)
-        panel.contour(*axes[:2], once.T.astype(float), levels=[0.5], colors="0.1", linewidths=0.8)
-        for points in cracks:
-            panel.plot(
-                points[:, 0], points[:, 1], color="#D55E00", linewidth=1.4, linestyle="-", scalex=False, scaley=False
-            )
+        times = panel.imshow(np.where(dissolved > 0, dissolved, np.nan).T, cmap=SEQUENTIAL, vmin=0, vmax=last, **style)
+        late = np.where(metal, 1.25 * last, np.where(once, dissolved, np.nan))  # metal is beyond the last front
+        panel.contour(*axes, late.T, levels=np.linspace(0.2, 0.8, 4) * last, colors="white", linewidths=0.6)
+        panel.contour(*axes, once.T.astype(float), levels=[0.5], colors="0.1", linewidths=0.8)
+        line: dict[str, Any] = {"color": COLORS[1], "linewidth": 1.4, "linestyle": "-"}
+        for points in look.cracks:
+            panel.plot(points[:, 0], points[:, 1], **line, scalex=False, scaley=False)
         panel.set(xlabel=with_unit(names[0]), ylabel=with_unit(names[1]), title=title, xlim=shown[0], ylim=shown[1])
         figure.colorbar(times, ax=panel, label=with_unit("time of dissolution", "time"))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from farhorizon.pictures.curves import lines
-from farhorizon.pictures.polar import polar_picture
+from farhorizon.pictures.curves import Curve, Frame, lines
 from farhorizon.pictures.style import number_text, with_unit
-from farhorizon.pictures.traces import spectrum_picture, trace_picture
+from farhorizon.pictures.traces import polar_picture, spectrum_picture, trace_picture
 from farhorizon.pictures.words import axis_label, in_words
 
 if TYPE_CHECKING:
@@ -27,129 +27,133 @@ _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scat
 
 
 def history_pictures(results: Results, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
-    """Draw everything that was recorded over time: probes, receivers, energy and balance.
-
-    Parameters
-    ----------
-    results : Results
-    directory : Path
-    ending : str
-        Format, the ending of the file names.
-    words : mapping of str to str
-        Names of quantities in the case.
-
-    Returns
-    -------
-    list of Path
+    """Draw everything that was recorded over time into files with an ending; `words` are names of quantities in the
+    case.
     """
-    written = _probes(results, directory / f"probes.{ending}", words)
-    for one in results.recorded.values():
-        written += _records(one, directory, ending, words)
-    return [*written, *_energies(results, directory, ending, words)]
+    histories = _Histories(results, directory, ending, words)
+    written = histories.probes()
+    for record in results.recorded.values():
+        written += histories.records(record)
+    return [*written, *histories.energies()]
 
 
-def _probes(results: Results, path: Path, words: Mapping[str, str]) -> list[Path]:
-    """Draw the field at the probes over time."""
-    moments, values = results.probe_times, results.probe_values
-    if not moments.size:
-        return []
-    names = [
-        ", ".join(f"{axis} = {number_text(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False))
-        for place in results.probes
-    ]
-    if values.ndim > 2:
-        names = [f"{in_words(f'u_{axis}')} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
-        values = values.reshape(len(values), -1)
-    title = f"probe at {names[0]}" if len(names) == 1 else ""
-    curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
-    lines(curves, path, xlabel=with_unit("t", "time"), ylabel=axis_label("u", "u", words), title=title)
-    return [path]
+@dataclass(frozen=True)
+class _Histories:
+    """What the pictures of the histories of a results file have in common."""
 
+    results: Results
+    directory: Path
+    ending: str
+    words: Mapping[str, str]
 
-def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
-    """Draw the records of one recorder, with a picture for each component of each quantity."""
-    written = []
-    for quantity in one.data if len(one.times) > 1 and not one.medium else ():
-        measured = _MEASURED.get(quantity, quantity)
-        for column, values in _distinct(one.columns(quantity)).items():
-            path, label = directory / f"{one.name}_{column}.{ending}", axis_label(column, measured, words)
-            curves, title = _followed(one, values)
-            if not one.labels:
-                trace_picture(one.points, one.times, values, path, label=label, measured=measured)
-            elif curves:
-                lines(curves, path, xlabel=with_unit("t", "time"), ylabel=label, title=title)
-            written += [path] if curves or not one.labels else []
-    if len(one.times) > 1 and {"force", "displacement"} <= one.data.keys():
-        written += _force_displacement(one, directory, ending, words)
-    if one.directions:
-        return [*written, *_pattern(one, directory / f"{one.name}.{ending}")]
-    for quantity in one.spectra:
-        for column, sums in _distinct(one.columns(quantity)).items():
-            written.append(directory / f"{one.name}_{column}.{ending}")
-            spectrum_picture(
-                one.points,
-                one.frequencies,
-                sums,
-                written[-1],
-                label=in_words(column, words),
-                measured=quantity,
-                labels=one.labels,
-            )
-    return written
+    def path(self, name: str) -> Path:
+        return self.directory / f"{name}.{self.ending}"
 
+    def over_time(self, name: str, curves: list[Curve], ylabel: str, title: str = "") -> Path:
+        """Draw curves over time."""
+        lines(curves, self.path(name), Frame(with_unit("t", "time"), ylabel, title))
+        return self.path(name)
 
-def _force_displacement(one: Recorded, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
-    """Draw forces over displacements, with a picture for each component in which something moves."""
-    written = []
-    pairs = zip(one.columns("force").items(), one.columns("displacement").items(), strict=True)
-    for (force, forces), (way, ways) in pairs:
-        curves = [
-            (label, x, y) for label, x, y in zip(one.labels, ways.T, forces.T, strict=True) if np.ptp(x) and np.any(y)
+    def probes(self) -> list[Path]:
+        """Draw the field at the probes."""
+        times, values = self.results.probe_times, self.results.probe_values
+        if not times.size:
+            return []
+        names = [
+            ", ".join(f"{axis} = {number_text(x, self.results.spacing)}" for axis, x in zip("xyz", point, strict=False))
+            for point in self.results.probes
         ]
-        if not curves:
-            continue
-        written.append(directory / f"{one.name}_{force}_{way}.{ending}")
-        labels = axis_label(way, "u", words), axis_label(force, "force", words)
-        title = curves[0][0] if len(curves) == 1 else ""
-        lines(curves, written[-1], xlabel=labels[0], ylabel=labels[1], title=title)
-    return written
+        if values.ndim > 2:
+            names = [f"{in_words(f'u_{axis}')} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
+            values = values.reshape(len(values), -1)
+        title = f"probe at {names[0]}" if len(names) == 1 else ""
+        curves = [(name, *_recorded(times, column)) for name, column in zip(names, values.T, strict=True)]
+        return [self.over_time("probes", curves, axis_label("u", "u", self.words), title)]
+
+    def records(self, record: Recorded) -> list[Path]:
+        """Draw the records of one recorder, with a picture for each component of each quantity."""
+        written = []
+        for quantity in record.data if len(record.times) > 1 and not record.medium else ():
+            measured = _MEASURED.get(quantity, quantity)
+            for column, values in _distinct(record.columns(quantity)).items():
+                name, label = f"{record.name}_{column}", axis_label(column, measured, self.words)
+                curves, title = _long_enough(record, values)
+                if not record.labels:
+                    path = self.path(name)
+                    trace_picture(record.points, record.times, values, path, label=label, measured=measured)
+                    written.append(path)
+                elif curves:
+                    written.append(self.over_time(name, curves, label, title))
+        if len(record.times) > 1 and {"force", "displacement"} <= record.data.keys():
+            written += self._forces(record)
+        if record.directions:
+            return [*written, *self._pattern(record)]
+        for quantity in record.spectra:
+            for column, sums in _distinct(record.columns(quantity)).items():
+                named: dict[str, Any] = {"label": in_words(column, self.words), "measured": quantity}
+                written.append(self.path(f"{record.name}_{column}"))
+                spectrum_picture(record.points, record.frequencies, sums, written[-1], **named, labels=record.labels)
+        return written
+
+    def _forces(self, record: Recorded) -> list[Path]:
+        """Draw forces over displacements, with a picture for each component in which something moves."""
+        written = []
+        pairs = zip(record.columns("force").items(), record.columns("displacement").items(), strict=True)
+        for (force, forces), (displacement, displacements) in pairs:
+            columns = zip(record.labels, displacements.T, forces.T, strict=True)
+            curves = [(label, x, y) for label, x, y in columns if np.ptp(x) and np.any(y)]
+            if curves:
+                xlabel, ylabel = axis_label(displacement, "u", self.words), axis_label(force, "force", self.words)
+                written.append(self.path(f"{record.name}_{force}_{displacement}"))
+                lines(curves, written[-1], Frame(xlabel, ylabel, curves[0][0] if len(curves) == 1 else ""))
+        return written
+
+    def _pattern(self, record: Recorded) -> list[Path]:
+        """Draw the levels of a pattern over its directions; nothing in 1D, where there are only two."""
+        if record.dim == 1:
+            return []
+        levels = {name: values for name, values in record.spectra.items() if name.startswith(tuple(_LEVELS))}
+        kind = next(kind for kind in _LEVELS if next(iter(levels)).startswith(kind))
+        waves = {name.removeprefix(f"{kind}_"): values for name, values in levels.items()}
+        measured = ("energy", "time") if kind == "intensity" else ("length",) * (record.dim - 1)
+        path, label = self.path(record.name), with_unit(_LEVELS[kind], *measured)
+        polar_picture(record.points, record.frequencies, waves, path, label)
+        return [path]
+
+    def energies(self) -> list[Path]:
+        """Draw the energy and the balance over time."""
+        written = []
+        times, energy = self.results.history_times, self.results.energy
+        if np.isfinite(energy).any():
+            moments, energies = _recorded(times, energy)
+            log, top = _falls_far(energies), 1.05 * float(energies.max())
+            limits = (0.0, top) if not log and energies.min() >= 0 < top else None  # so that small changes look small
+            written.append(self.path("energy"))
+            label = axis_label("energy", "energy", self.words)
+            frame = Frame(with_unit("t", "time"), label, log=log, limits=limits, decades=_DECADES)
+            lines([("energy", moments, energies)], written[-1], frame)
+        if balance := self.results.balance:
+            curves = [(_ACCOUNTS.get(name, name), *_recorded(times, account)) for name, account in balance.items()]
+            waves = "kinetic" in balance
+            label = with_unit("energy", "energy") if waves else "gain since the start, and inflow"
+            written.append(self.over_time("balance", curves, label))
+        return written
 
 
-def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.ndarray, np.ndarray]], str]:
+def _long_enough(record: Recorded, values: np.ndarray) -> tuple[list[Curve], str]:
     """Curves of what was seen for more than a moment, such as crack tips, and a title: the name of a single curve, and
     the number of those left out.
     """
-    first = next(iter(one.data.values())).reshape(len(one.times), len(one.points), -1)
-    seen = np.isfinite(first).all(2).mean(0)
+    first = next(iter(record.data.values())).reshape(len(record.times), len(record.points), -1)
+    seen = np.isfinite(first).all(2).mean(0)  # fraction of the time
     curves = [
-        (label, one.times, column)
-        for label, column, share in zip(one.labels, values.T, seen, strict=False)
-        if share > _MOMENT and np.isfinite(column).any()
+        (label, record.times, column)
+        for label, column, fraction in zip(record.labels, values.T, seen, strict=False)
+        if fraction > _MOMENT and np.isfinite(column).any()
     ]
     brief = int(((seen > 0) & (seen <= _MOMENT)).sum())
     alone = curves[0][0] if len(curves) == 1 else ""  # a single curve has no legend
     return curves, ", ".join(filter(None, (alone, f"without {brief} seen for a moment" if brief else "")))
-
-
-def _energies(results: Results, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
-    """Draw the energy and the balance over time."""
-    written, time = [], with_unit("t", "time")
-    history, energy = results.history_times, results.energy
-    if np.isfinite(energy).any():
-        moments, energies = _recorded(history, energy)
-        log = _falls_far(energies)
-        written.append(directory / f"energy.{ending}")
-        label, top = axis_label("energy", "energy", words), 1.05 * float(energies.max())
-        limits = (0.0, top) if not log and energies.min() >= 0 < top else None  # so that small changes look small
-        scale: dict[str, Any] = {"log": log, "limits": limits, "decades": _DECADES}
-        lines([("energy", moments, energies)], written[-1], xlabel=time, ylabel=label, **scale)
-    if results.balance:
-        written.append(directory / f"balance.{ending}")
-        curves = [(_ACCOUNTS.get(name, name), *_recorded(history, one)) for name, one in results.balance.items()]
-        waves = "kinetic" in results.balance
-        label = with_unit("energy", "energy") if waves else "gain since the start, and inflow"
-        lines(curves, written[-1], xlabel=time, ylabel=label)
-    return written
 
 
 def _falls_far(energies: np.ndarray) -> bool:
@@ -162,28 +166,16 @@ def _falls_far(energies: np.ndarray) -> bool:
 
 def _distinct(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The components of a quantity without those below the diagonal of a symmetric tensor, such as "stress_yx"."""
-    found: dict[str, np.ndarray] = {}
+    distinct: dict[str, np.ndarray] = {}
     for name, values in columns.items():
         quantity, _, letters = name.rpartition("_")
-        above = found.get(f"{quantity}_{letters[::-1]}") if len(letters) == 2 else None
+        above = distinct.get(f"{quantity}_{letters[::-1]}") if len(letters) == 2 else None
         if above is None or not np.array_equal(above, values):
-            found[name] = values
-    return found
-
-
-def _pattern(records: Recorded, path: Path) -> list[Path]:
-    """Draw the levels of a pattern over its directions; nothing in 1D, where there are only two."""
-    if records.dim == 1:
-        return []
-    levels = {name: values for name, values in records.spectra.items() if name.startswith(tuple(_LEVELS))}
-    what = next(what for what in _LEVELS if next(iter(levels)).startswith(what))
-    waves = {name.removeprefix(f"{what}_"): values for name, values in levels.items()}
-    measured = ("energy", "time") if what == "intensity" else ("length",) * (records.dim - 1)
-    polar_picture(records.points, records.frequencies, waves, path, with_unit(_LEVELS[what], *measured))
-    return [path]
+            distinct[name] = values
+    return distinct
 
 
 def _recorded(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and values of a history at which a value was recorded."""
-    kept = np.isfinite(values)
-    return times[kept], values[kept]
+    recorded = np.isfinite(values)
+    return times[recorded], values[recorded]

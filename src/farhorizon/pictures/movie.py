@@ -9,20 +9,19 @@ from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.files.html import film
 from farhorizon.files.storage import replacing
-from farhorizon.pictures.fields import field_panels, shown_plane
-from farhorizon.pictures.images import unhidden
+from farhorizon.pictures.fields import field_panels
+from farhorizon.pictures.panels import PLAIN, Axes, Look, Panel, Plane
 from farhorizon.pictures.style import extent_beyond
 
 _SECONDS = 8.0  # duration of a film, as far as the range of rates allows
 _RATES = (5, 25)  # smallest and largest number of frames per second
-_DPI = 110
+_DPI = 110  # 700 pixels for a usual frame, so that a GIF has some megabytes at most
 _DECAYED = 0.2  # of the largest value of all: the scale reaches at least that far even if most frames are fainter
 
 
@@ -55,40 +54,11 @@ class Film:
         return path
 
 
-def made_film(
-    frames: Sequence[tuple[str, np.ndarray]],
-    axes: Sequence[np.ndarray],
-    kind: str = "gif",
-    *,
-    label: str = "u",
-    limits: tuple[float, float] | None = None,
-    cracks: Sequence[np.ndarray] = (),
-    colors: str | None = None,
-    plane: tuple[int, int] | None = None,
-    title: str = "",
-    broken: Sequence[np.ndarray] = (),
-) -> Film:
-    """Draw a film with frames as in `field_panels`, all on the same scale.
+def made_film(frames: Sequence[Panel], axes: Axes, format: str = "gif", look: Look = PLAIN) -> Film:
+    """A film of frames as in `field_panels`, all on the same scale; ImportError without the encoder of MP4.
 
     Unless limits are given, the scale of images reaches up to the median of the largest values of the frames, and at
     least to a fifth of the largest of all, so that a wave that leaves remains visible to the end.
-
-    Parameters
-    ----------
-    frames : sequence of (title, ndarray)
-        Fields of the lattice shape.
-    axes : sequence of ndarray
-        Coordinates of the nodes along each axis.
-    kind : {"gif", "mp4"}
-    label, limits, cracks, colors, plane, title, broken
-        As in `field_panels`.
-
-    Raises
-    ------
-    InputError
-        There are fewer than two frames.
-    ImportError
-        An MP4 is requested, and imageio-ffmpeg is not installed.
     """
     if len(frames) < 2:
         raise InputError(
@@ -98,60 +68,45 @@ def made_film(
             key="--movie",
             remedy="a smaller output.every, or no --times",
         )
-    seen = [unhidden(values, broken[k] if broken else None) for k, (_, values) in enumerate(frames)]
-    limits = limits or _limits(seen, cut=len(axes) > 1 and colors is None)
-    rate = int(np.clip(len(frames) / _SECONDS, *_RATES))
-    look: dict[str, Any] = {"label": label, "limits": limits, "cracks": cracks, "colors": colors, "plane": plane}
+    fields = [frame.seen for frame in frames]
+    limits = look.limits or _limits(fields, cut=len(axes) > 1 and look.colors is None)
     if len(axes) == 3:
-        normal, index = shown_plane([axis.size for axis in axes], plane)
-        seen = [values.take(index, normal) for values in seen]
-    look["beyond"] = extent_beyond(seen, limits)  # an arrow that appears and disappears would move the picture
-    drawn = (
-        _pixels(name, values, axes, **look, title=title, broken=broken[k : k + 1])
-        for k, (name, values) in enumerate(frames)
-    )
-    return Film(_MAKERS[kind](drawn, rate), kind, len(frames))
+        plane = look.plane or Plane.middle([axis.size for axis in axes])
+        fields = [plane.of(values) for values in fields]
+    # an arrow that appears and disappears would move the picture
+    look = look._replace(limits=limits, beyond=extent_beyond(fields, limits))
+    rate = int(np.clip(len(frames) / _SECONDS, *_RATES))
+    return Film(_ENCODERS[format]((_pixels(frame, axes, look) for frame in frames), rate), format, len(frames))
 
 
-def movie(frames: Sequence[tuple[str, np.ndarray]], axes: Sequence[np.ndarray], path: Path, **look: Any) -> list[Path]:
-    """Write a film drawn by `made_film` to files: ``.gif``, and ``.mp4`` if imageio-ffmpeg is installed.
-
-    Parameters
-    ----------
-    frames, axes, look
-        As in `made_film`.
-    path : Path
-        Path without an ending; those of the formats are appended. Its folder is created.
-
-    Raises
-    ------
-    InputError
-        There are fewer than two frames.
+def movie(frames: Sequence[Panel], axes: Axes, path: Path, look: Look = PLAIN) -> list[Path]:
+    """Write a film drawn by `made_film` to files named by a path without an ending: ``.gif``, and ``.mp4`` if
+    imageio-ffmpeg is installed.
     """
-    first = made_film(frames, axes, "gif", **look)
+    first = made_film(frames, axes, "gif", look)
     path.parent.mkdir(parents=True, exist_ok=True)
     written = [first.save(path.with_name(f"{path.name}.gif"))]
     with suppress(ImportError):
-        written.append(made_film(frames, axes, "mp4", **look).save(path.with_name(f"{path.name}.mp4")))
+        written.append(made_film(frames, axes, "mp4", look).save(path.with_name(f"{path.name}.mp4")))
     return written
 
 
-def _limits(values: Sequence[np.ndarray], cut: bool) -> tuple[float, float]:
+def _limits(fields: Sequence[np.ndarray], cut: bool) -> tuple[float, float]:
     """One scale for all frames; with `cut`, it may cut off values that are much larger than in most of them."""
-    peaks = [float(np.nanmax(np.abs(one), initial=0.0)) for one in values]
+    peaks = [float(np.nanmax(np.abs(values), initial=0.0)) for values in fields]
     top = (max(float(np.median(peaks)), _DECAYED * max(peaks)) if cut else 1.02 * max(peaks)) or 1.0
-    low = min(float(np.nanmin(one, initial=np.inf)) for one in values)
-    high = max(float(np.nanmax(one, initial=-np.inf)) for one in values)
-    if low < -0.01 * top:
+    low = min(float(np.nanmin(values, initial=np.inf)) for values in fields)
+    high = max(float(np.nanmax(values, initial=-np.inf)) for values in fields)
+    if low < -0.01 * top:  # less is undershoot, as in `color_range`
         return -top, top
     return (low, high) if 0 < 0.5 * high < low < high else (0.0, top)
 
 
-def _pixels(name: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: Any) -> np.ndarray:
+def _pixels(frame: Panel, axes: Axes, look: Look) -> np.ndarray:
     """Pixels of one frame, shape (height, width, 3), with even height and width, as encoders require."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure = field_panels([(name, values)], axes, None, **look)
+    figure = field_panels([frame], axes, None, look)
     figure.set_dpi(_DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -163,9 +118,9 @@ def _gif(frames: Iterator[np.ndarray], rate: int) -> bytes:
     from PIL import Image
 
     first, *rest = [Image.fromarray(frame).convert("P", palette=Image.Palette.ADAPTIVE) for frame in frames]
-    made = BytesIO()
-    first.save(made, format="GIF", save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
-    return made.getvalue()
+    encoded = BytesIO()
+    first.save(encoded, format="GIF", save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
+    return encoded.getvalue()
 
 
 def _mp4(frames: Iterator[np.ndarray], rate: int) -> bytes:
@@ -175,30 +130,26 @@ def _mp4(frames: Iterator[np.ndarray], rate: int) -> bytes:
     first = next(frames)
     with TemporaryDirectory() as folder:
         path = Path(folder, "film.mp4")  # ffmpeg requires a file whose ending determines the format
-        film = write_frames(str(path), first.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
-        film.send(None)
-        film.send(first)
+        writer = write_frames(str(path), first.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
+        writer.send(None)
+        writer.send(first)
         for frame in frames:
-            film.send(frame)
-        film.close()
+            writer.send(frame)
+        writer.close()
         return path.read_bytes()
 
 
-_MAKERS = {"gif": _gif, "mp4": _mp4}
+_ENCODERS = {"gif": _gif, "mp4": _mp4}
 
 
 def film_format(path: Path, key: str) -> str:
     """Format of a film from the ending of its name; InputError if it is unknown or its encoder is missing."""
-    kind = path.suffix.lower().lstrip(".")
-    if kind not in _MAKERS:
-        raise InputError("unknown format of films", value=path.name, limit=", ".join(_MAKERS), key=key)
+    ending = path.suffix.lower().lstrip(".")
+    if ending not in _ENCODERS:
+        raise InputError("unknown format of films", value=path.name, limit=", ".join(_ENCODERS), key=key)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}", key=key, remedy="create it first")
-    if kind == "mp4" and find_spec("imageio_ffmpeg") is None:
-        raise InputError(
-            "imageio-ffmpeg is not installed",
-            value=path.name,
-            key=key,
-            remedy="a .gif, or pip install 'farhorizon[movie]'",
-        )
-    return kind
+    if ending == "mp4" and find_spec("imageio_ffmpeg") is None:
+        remedy = "a .gif, or pip install 'farhorizon[movie]'"
+        raise InputError("imageio-ffmpeg is not installed", value=path.name, key=key, remedy=remedy)
+    return ending

@@ -1,9 +1,8 @@
-"""Scalars drawn from the fields of a results file: components and lengths of vectors, and quantities derived from
-them."""
+"""Scalars that are drawn from fields: components and lengths of vectors, and quantities derived from them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.fields import magnitude
+from farhorizon.pictures.panels import magnitude
 
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
@@ -20,26 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scalar:
-    """A scalar that is drawn: a field, the length or a component of a vector field, or a quantity derived from it.
+    """A scalar that is drawn: a field, the length or a component of a vector field, or a quantity derived from it."""
 
-    Attributes
-    ----------
-    name : str
-        Name in file names, and in requests.
-    label : str
-        Name in plain text.
-    field : str
-    of : callable
-        Computes the values from those of the field.
-    pure : bool
-        Whether it is a number without a unit.
-    """
-
-    name: str
+    name: str  # in file names, and in requests
     label: str
     field: str
-    of: Callable[[np.ndarray], np.ndarray]
-    pure: bool = False
+    of: Callable[[np.ndarray], np.ndarray]  # its values from those of the field
+    pure: bool = False  # whether it is a number without a unit
 
     @property
     def quantity(self) -> str:
@@ -49,9 +35,9 @@ class Scalar:
         return "" if self.pure else "time" if self.field == "dissolved" else self.field
 
 
-def _parts(results: Results) -> Iterator[Scalar]:
-    for name in results.field_names:
-        count = results.components[name]
+def parts_of(components: Mapping[str, int]) -> Iterator[Scalar]:
+    """The fields with one of so many components; of vectors, their length and components."""
+    for name, count in components.items():
         if count == 1:
             yield Scalar(name, name, name, lambda values: values)
             continue
@@ -73,7 +59,7 @@ def _slopes(spacing: float, values: np.ndarray) -> np.ndarray:
     """Derivatives of a vector field along the axes by second-order differences, shape (dim, dim, ...)."""
     axes = tuple(range(len(values)))
     order: Literal[1, 2] = 2 if min(values.shape[1:]) > 2 else 1
-    return np.stack([np.stack(np.gradient(one, spacing, axis=axes, edge_order=order)) for one in values])
+    return np.stack([np.stack(np.gradient(component, spacing, axis=axes, edge_order=order)) for component in values])
 
 
 def _divergence(spacing: float, values: np.ndarray) -> np.ndarray:
@@ -88,19 +74,15 @@ def _curl(spacing: float, values: np.ndarray) -> np.ndarray:
 
 
 def wanted_scalars(results: Results, names: Sequence[str] | None) -> list[Scalar]:
-    """Scalars with the given names, or those of all fields if `names` is None.
-
-    Raises
-    ------
-    InputError
-        No scalar has this name.
-    """
-    plain = {part.name: part for part in _parts(results)}
-    parts = plain | {part.name: part for part in _derived(results)}
+    """Scalars with the given names, or those of all fields if `names` is None; InputError for an unknown name."""
+    plain = {
+        scalar.name: scalar for scalar in parts_of({name: results.components[name] for name in results.field_names})
+    }
+    known = plain | {scalar.name: scalar for scalar in _derived(results)}
     stresses = [name for name in plain if name.startswith("stress_")]
     if names is not None and stresses:
         names = [part for name in names for part in (stresses if name == "stress" else [name])]
     for name in names or ():
-        if name not in parts:
-            raise InputError("the file has no such field", value=name, limit=", ".join(parts), key="--field")
-    return [parts[name] for name in (plain if names is None else dict.fromkeys(names))]
+        if name not in known:
+            raise InputError("the file has no such field", value=name, limit=", ".join(known), key="--field")
+    return [known[name] for name in (plain if names is None else dict.fromkeys(names))]

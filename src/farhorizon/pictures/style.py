@@ -1,7 +1,6 @@
-"""Common parts of all pictures: style of figures, colours that colour-blind readers can distinguish, numbers as text.
+"""Style of figures, colours that colour-blind readers can distinguish, and numbers as text.
 
-Matplotlib is imported when a picture is made. Pyplot is not used, so that no display is needed and no figure stays
-open.
+Matplotlib is imported when a picture is made. Pyplot is not used: no display is needed, and no figure stays open.
 """
 
 from __future__ import annotations
@@ -83,8 +82,8 @@ def _picture() -> Any:
 
 @contextmanager
 def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = "constrained") -> Iterator[Any]:
-    """Yield an empty figure in the common style, and save it at the end if there is a `path`, whose ending determines
-    the format.
+    """Yield an empty figure in the common style, with a size in inches, and save it at the end if there is a `path`,
+    whose ending determines the format.
     """
     import matplotlib
     from cycler import cycler
@@ -102,6 +101,14 @@ def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = 
             figure.savefig(path)
 
 
+def tidy(axes: Any, margin: bool = True) -> None:
+    """Lay a grid below the curves of axes; with `margin`, let them end close to its sides."""
+    if margin:
+        axes.margins(x=0.01)
+    axes.grid(True)
+    axes.set_axisbelow(True)
+
+
 @contextmanager
 def counted_in(units: Mapping[str, str]) -> Iterator[None]:
     """Within this context, pictures state units: those given for "length", "time" and fields."""
@@ -114,7 +121,7 @@ def counted_in(units: Mapping[str, str]) -> Iterator[None]:
 
 def with_unit(name: str, *measured: str) -> str:
     """Label of a quantity with its unit from `counted_in`, or with a product of units; that of a length by default."""
-    units = [_unit_of(one) for one in measured or ("length",)]
+    units = [_unit_of(quantity) for quantity in measured or ("length",)]
     return f"{name} ({' '.join(units)})" if all(units) else name
 
 
@@ -126,9 +133,8 @@ def _unit_of(measured: str) -> str:
 
 def speed_text(value: float) -> str:
     """Text of a speed with its unit."""
-    known = _UNITS.get()
-    both = known.get("length"), known.get("time")
-    return f"{value:.4g}" + (f" {both[0]}/{both[1]}" if all(both) else "")
+    length, time = (_UNITS.get().get(quantity) for quantity in ("length", "time"))
+    return f"{value:.4g}" + (f" {length}/{time}" if length and time else "")
 
 
 def length_text(value: float, digits: int = 3) -> str:
@@ -142,8 +148,8 @@ def frequency_text(value: float) -> str:
 
 
 def number_text(value: float, scale: float) -> str:
-    """Text of a coordinate, without rounding errors and with a proper minus sign; `scale` is the order of magnitude of
-    coordinates.
+    """Text of a coordinate with a proper minus sign; less than 1e-9 of the `scale` of coordinates is a rounding error
+    of zero.
     """
     return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
@@ -156,8 +162,8 @@ def reach(field: np.ndarray) -> float:
     if sizes.size <= _SMALL:
         return float(sizes.max(initial=0.0))
     largest = np.partition(sizes, (-1 - _FEW, -1))
-    most, others = float(largest[-1]), float(largest[-1 - _FEW])
-    return others if 0 < _MORE * others < most else most
+    most, usual = float(largest[-1]), float(largest[-1 - _FEW])
+    return usual if 0 < _MORE * usual < most else most
 
 
 def color_range(fields: Sequence[np.ndarray], signed: bool | None = None, usual: bool = False) -> dict[str, Any]:
@@ -192,9 +198,8 @@ def scale_of(
     if limits is not None:
         from matplotlib.colors import Normalize
 
-        both = limits[0] < 0 < limits[1] and colors is None
-        found = _about_zero(*limits) if both else SEQUENTIAL
-        return {"cmap": colors or found, "norm": Normalize(*limits)}
+        usual_map = _about_zero(*limits) if limits[0] < 0 < limits[1] and colors is None else SEQUENTIAL
+        return {"cmap": colors or usual_map, "norm": Normalize(*limits)}
     scale = color_range(arrays, signed, usual and colors is None)
     return scale if colors is None else {**scale, "cmap": colors, "vmin": 0.0}
 
@@ -206,8 +211,8 @@ def _about_zero(low: float, high: float) -> Any:
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    whole = 2 * max(-low, high)
-    shades = np.linspace(0.5 + low / whole, 0.5 + high / whole, _SHADES)
+    width = 2 * max(-low, high)  # of the complete map
+    shades = np.linspace(0.5 + low / width, 0.5 + high / width, _SHADES)
     return ListedColormap(colormaps[DIVERGING](shades), f"{DIVERGING} about zero")
 
 

@@ -12,17 +12,10 @@ _NONE: Mapping[str, str] = MappingProxyType({})
 
 
 class Name(NamedTuple):
-    """Name of a quantity.
-
-    Attributes
-    ----------
-    words : str
-    symbol : str
-        Symbol in TeX; empty if words suffice.
-    """
+    """Name of a quantity."""
 
     words: str
-    symbol: str = ""
+    symbol: str = ""  # in TeX; empty if words suffice
 
 
 _NAMES = {
@@ -37,8 +30,8 @@ _NAMES = {
     "stress_von_mises": Name("von Mises stress"),
     "strain": Name("strain", r"\varepsilon"),
     "gradient": Name("gradient", r"(\nabla u)"),
-    **{f"div {one}": Name("divergence", rf"\nabla \cdot {one}") for one in "uv"},
-    **{f"curl {one}": Name("curl", rf"\nabla \times {one}") for one in "uv"},
+    **{f"div {field}": Name("divergence", rf"\nabla \cdot {field}") for field in "uv"},
+    **{f"curl {field}": Name("curl", rf"\nabla \times {field}") for field in "uv"},
     "pressure": Name("pressure", "p"),
     "divergence": Name("divergence", r"\nabla \cdot u"),
     "curl": Name("curl", r"(\nabla \times u)"),
@@ -65,15 +58,8 @@ _NAMES = {
 
 
 def in_words(name: str, words: Mapping[str, str] = _NONE) -> str:
-    """Name of a quantity in words with its symbol: "u_x" as "displacement" with its symbol, "|u|" with bars, "div u" as
-    in formulas. Unknown names remain, with spaces for underscores.
-
-    Parameters
-    ----------
-    name : str
-        Name of a quantity, a component ("u_x"), a length ("|u|"), a divergence ("div u") or a curl ("curl u").
-    words : mapping of str to str
-        Names of quantities in the case, which override the default ones.
+    """Name of a quantity, a component ("u_x"), a length ("|u|"), a divergence ("div u") or a curl in words with its
+    symbol; unknown names remain, with spaces for underscores. `words` are names of quantities in the case.
 
     Examples
     --------

@@ -36,8 +36,7 @@ from farhorizon.simulation.setup.validation import (
     check_variation,
 )
 from farhorizon.simulation.sides.extension import Emitters, extend
-from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory
-from farhorizon.simulation.sides.layers import undesigned, with_one_filter
+from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
 from farhorizon.simulation.sides.surfaces import check_conditions, hold_and_damp
 from farhorizon.simulation.time.breaking import Breaking
@@ -145,7 +144,7 @@ def survey(
     """Determine the medium, the sides and the sources of a set-up; see `assembled`."""
     setup, variation, of_whole = given_setup, Variation(), None
     if subdomain is not None:
-        setup, of_whole = subdomain.reference_medium.uniform(given_setup), subdomain.whole
+        setup, of_whole = subdomain.reference_medium.uniform(given_setup), subdomain.extremes
         variation = subdomain.reference_medium.variation_of(given_setup)
     elif given_setup.model.varying or given_setup.lattice.existing is not None:
         setup, variation = varied(given_setup)

@@ -57,7 +57,7 @@ def measured(sim: Simulation, tips: CrackTips, name: str) -> list[Row]:
 
 def draw_patterns(runs: dict[tuple[float, int], Simulation], picture: Path) -> None:
     """Draw the final damage of all cracks, with one row per horizon and one column per number of spacings in it."""
-    from farhorizon.pictures.images import cell_edges
+    from farhorizon.pictures.panels import cell_edges
     from farhorizon.pictures.style import figure_at
 
     horizons = list(dict.fromkeys(horizon for horizon, _ in runs))

@@ -172,6 +172,7 @@ def beside(
     shows the obstacle from the left to its end.
     """
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Look, Panel
 
     rows = []
     for target in TARGETS:
@@ -186,7 +187,8 @@ def beside(
     picture = folder / f"{name}.png"
     parts = [("real part, computed", computed.real), ("exact", exact.real), ("incident wave alone", incident.real)]
     line = np.array([(-HALF, end[1]), end])
-    field_panels(parts, lattice.axes, picture, cracks=[line], limits=(-0.15, 0.15))
+    look = Look(limits=(-0.15, 0.15), cracks=[line])
+    field_panels([Panel(*part) for part in parts], lattice.axes, picture, look)
     return rows, computed, exact, picture
 
 

@@ -105,6 +105,7 @@ def _outcome(
     shown: Callable[..., np.ndarray],
 ) -> tuple[Outcome, Simulation]:
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.panels import Panel
 
     errors = []
     for spacing in SPACINGS:
@@ -117,7 +118,8 @@ def _outcome(
     ]
     rows.append(Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 2.0))
     picture = folder / f"{name}.png"
-    field_panels([("computed", shown(computed)), ("exact", shown(solution))], sim.lattice.axes, picture)
+    panels = [Panel("computed", shown(computed)), Panel("exact", shown(solution))]
+    field_panels(panels, sim.lattice.axes, picture)
     return Outcome(rows, pictures=[picture]), sim
 
 

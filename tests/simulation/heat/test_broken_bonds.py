@@ -37,9 +37,9 @@ def test_no_heat_crosses_a_gap(material, of_heat, coupled):
     sim.run(until=20.0, progress=False)
     gap = sim.fields["u"][1][:, 13].min() - sim.fields["u"][1][:, 12].max()
     assert gap > 6 and sim.broken_bonds > 100
-    warm = sim.fields["T"] - ZERO
-    assert np.abs(warm[:, :13]).max() < 1e-10 and warm[:, 13].min() > 0.1  # but it has reached the other side
-    assert warm.sum() == pytest.approx(HOT * 25 * 8, rel=1e-13)
+    heated = sim.fields["T"] - ZERO
+    assert np.abs(heated[:, :13]).max() < 1e-10 and heated[:, 13].min() > 0.1  # but it has reached the other side
+    assert heated.sum() == pytest.approx(HOT * 25 * 8, rel=1e-13)
 
 
 def test_no_heat_crosses_a_seam():
@@ -47,15 +47,15 @@ def test_no_heat_crosses_a_seam():
     plate = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
     y = plate.coordinates()[1]
     solid = fh.Elastic(fh.Kernel(2.0, exponent=1), young=1.0, plane="stress", critical_stretch=0.05)
-    found = []
+    largest = []
     for speed in (0.2, 0.0):
         model = fh.Thermoelastic(solid, fh.Heat(fh.Kernel(3.5), 1.0, 2.0, 0.3), FAINT, ZERO, coupled=False)
         start = {"v": [0 * y, -speed * np.sign(y)], "T": ZERO + HOT * (abs(y - 6) < 2)}
         sim = fh.Simulation(plate, model, fh.Periodic(), start)
         sim.run(until=8.0, progress=False)
         assert (sim.fields["T"] - ZERO).sum() == pytest.approx(HOT * 25 * 3, rel=1e-13)
-        found.append(np.abs(sim.fields["T"][:, 0] - ZERO).max())
-    assert found[0] < 1e-12 and found[1] > 1e-3  # all around, heat has not yet come so far
+        largest.append(np.abs(sim.fields["T"][:, 0] - ZERO).max())
+    assert largest[0] < 1e-12 and largest[1] > 1e-3  # all around, heat has not yet come so far
 
 
 @pytest.mark.parametrize("coupled", [False, True])
@@ -71,23 +71,23 @@ def test_steps_are_those_of_a_plain_program(material, coupled):
     start = {"v": 0.05 * random.standard_normal((2, *lattice.shape)), "T": ZERO + random.standard_normal(lattice.shape)}
     sides, model = {"x": fh.Periodic(), "y": fh.Free()}, fh.Thermoelastic(solid, heat, FAINT, ZERO, coupled)
     beside = 0.5 * fh.Simulation(lattice, heat, sides).step_limit  # of heat that has steps of its own
-    every = 1 if coupled else 5
-    sim = fh.Simulation(lattice, model, sides, start, dt=beside / 10 if coupled else beside / every)
+    steps = 1 if coupled else 5
+    sim = fh.Simulation(lattice, model, sides, start, dt=beside / 10 if coupled else beside / steps)
     weights, offsets = 0.3 / 2.0 * heat.stencil(1.0, 2).weights, heat.stencil(1.0, 2).offsets
-    numbers = {tuple(one): k for k, one in enumerate(sim.engine.offsets[:, 1:].tolist())}
-    warm, places = start["T"] - ZERO, sim.parts.grid.nodes.reshape(lattice.shape)
+    numbers = {tuple(offset): k for k, offset in enumerate(sim.engine.offsets[:, 1:].tolist())}
+    theta, places = start["T"] - ZERO, sim.parts.grid.nodes.reshape(lattice.shape)
     for _ in range(25 if coupled else 15):
         bits = sim.engine.bonds.table.alive[:, places].copy()
-        sim.step(every)
+        sim.step(steps)
         bits = sim.engine.bonds.table.alive[:, places].copy() if coupled else bits
-        found = np.zeros_like(warm)
+        change = np.zeros_like(theta)
         for (i, j), weight in zip(offsets.tolist(), weights, strict=True):
             k = numbers[i, j]
-            whole = bits[k >> 6] >> np.uint64(k & 63) & np.uint64(1) == 1
-            for x, y in np.argwhere(whole):
-                found[x, y] += weight * (warm[(x + i) % 11, y + j] - warm[x, y])
-        warm = warm + every * sim.dt * found
-        np.testing.assert_allclose(sim.fields["T"] - ZERO, warm, atol=1e-11)
+            intact = bits[k >> 6] >> np.uint64(k & 63) & np.uint64(1) == 1
+            for x, y in np.argwhere(intact):
+                change[x, y] += weight * (theta[(x + i) % 11, y + j] - theta[x, y])
+        theta = theta + steps * sim.dt * change
+        np.testing.assert_allclose(sim.fields["T"] - ZERO, theta, atol=1e-11)
     assert sim.broken_bonds > 50 and sim.fields["damage"].min() < 0.2
 
 
@@ -99,13 +99,13 @@ def test_a_crack_that_opens_later_keeps_its_factor_next_to_broken_bonds():
     model = fh.Thermoelastic(solid, fh.Heat(fh.Kernel(2.0), 1.0, 2.0, 0.3), FAINT, ZERO, coupled=False)
     crack = fh.Crack([(-3.0, 0.5), (3.0, 0.5)], factor=0.5)
     start = {"v": [0 * y, np.where(y > 0.5, 0.2, -0.2)], "T": ZERO + HOT * (y > 4)}
-    found = []
+    largest = []
     for factor in (0.5, 0.0):
         cracks = [fh.Crack(crack.cut, factor)]
         sim = fh.Simulation(plate, model, fh.Free(), start, cracks=cracks)
         sim.run(until=20.0, progress=False)
-        found.append(np.abs(sim.fields["T"] - ZERO)[:, :13].max())
-    assert found[0] > 1e-3 and found[1] < 1e-10
+        largest.append(np.abs(sim.fields["T"] - ZERO)[:, :13].max())
+    assert largest[0] > 1e-3 and largest[1] < 1e-10
 
 
 def closed(conductance, back=-1e-3, height=6):
@@ -147,8 +147,8 @@ def test_a_run_goes_on_bit_for_bit(tmp_path, coupled):
     sim.save(tmp_path / "state.h5")
     before = sim.broken_bonds
     again = fh.Simulation.restore(tmp_path / "state.h5")
-    for one in (sim, again):
-        one.step(20)
+    for run in (sim, again):
+        run.step(20)
     assert 0 < before < sim.broken_bonds
     fields = sim.fields
     sim.load(tmp_path / "state.h5")
@@ -191,14 +191,14 @@ def test_longer_bonds_are_chains():
     for link, row, at in zip(short, numbers, starts, strict=True):
         for k, start in zip(row[row >= 0], at[row >= 0], strict=True):
             links[k].append((tuple(-start), tuple(link - start)))  # its ends, relative to the node of the long one
-    for offset, found in zip(long, links, strict=True):
+    for offset, chain in zip(long, links, strict=True):
         start, end = sorted([(0, 0, 0), tuple(offset)])
-        nodes, here, met = dict(found), start, 0
+        nodes, here, met = dict(chain), start, 0
         while here != end:
             here, met = nodes[here], met + 1
-        assert met == len(found) <= np.abs(offset).max()
-        (other,) = (k for k, one in enumerate(long) if (one == -offset).all())
-        turned = {(tuple(np.add(b, -offset)), tuple(np.add(a, -offset))) for a, b in found}
-        assert {tuple(sorted(one)) for one in turned} == {tuple(sorted(one)) for one in links[other]}
+        assert met == len(chain) <= np.abs(offset).max()
+        (opposite,) = (k for k, row in enumerate(long) if (row == -offset).all())
+        turned = {(tuple(np.add(b, -offset)), tuple(np.add(a, -offset))) for a, b in chain}
+        assert {tuple(sorted(link)) for link in turned} == {tuple(sorted(link)) for link in links[opposite]}
     with pytest.raises(fh.InputError, match="no chain"):
         chains(long, short[np.abs(short).sum(1) == 1])

@@ -32,8 +32,8 @@ def noise(lattice, seed=0):
 
 
 def total(sim):
-    found = sim.energies()
-    return found["kinetic"] + found["strain"] + found["thermal"]
+    energies = sim.energies()
+    return energies["kinetic"] + energies["strain"] + energies["thermal"]
 
 
 def square(n=11, **more):
@@ -63,16 +63,16 @@ def test_nothing_is_lost_without_conduction(name):
     """The sum of kinetic, strain and thermal energy is constant to rounding, for noise, which moves ten orders more
     between them; for bonds and states.
     """
-    lattice, more, sides, others = SOLIDS[name]
+    lattice, more, sides, given = SOLIDS[name]
     start = noise(lattice)
     if name == "held":  # bonds feel no heat there
         start["T"][:4], start["T"][-4:] = ZERO, ZERO
-    sim = fh.Simulation(lattice, both(conductivity=STILL, **more), sides, start, **others)
-    first, thermal, found = total(sim), sim.energies()["thermal"], []
+    sim = fh.Simulation(lattice, both(conductivity=STILL, **more), sides, start, **given)
+    first, thermal, energies = total(sim), sim.energies()["thermal"], []
     for _ in range(150):
         sim.step()
-        found.append((total(sim), sim.energies()["thermal"]))
-    sums, heats = np.array(found).T
+        energies.append((total(sim), sim.energies()["thermal"]))
+    sums, heats = np.array(energies).T
     assert np.abs(sums - first).max() < 1e-13 * first
     assert np.abs(heats - thermal).max() > 1e-3 * first
 
@@ -186,12 +186,12 @@ def test_plane_waves_are_those_of_the_lattice(conductivity, waves):
     start = {"u": [np.outer(wave.real, np.ones(5)), 0.0], "T": ZERO + 10 * np.outer(wave.imag, np.ones(5))}
     sim = fh.Simulation(lattice, model, fh.Periodic(), start)
     polynomial = characteristic(model, 2, sim.dt, 2 * np.pi * waves / n, 1.0)
-    found = []
+    amplitudes = []
     for _ in range(60):
         fields = sim.fields
-        found.append([(part[:, 2] * wave.conj()).mean() for part in (fields["u"][0], fields["T"] - ZERO)])
+        amplitudes.append([(part[:, 2] * wave.conj()).mean() for part in (fields["u"][0], fields["T"] - ZERO)])
         sim.step()
-    u, theta = np.array(found).T
+    u, theta = np.array(amplitudes).T
     for amplitudes in (u, theta):
         left = sum(factor * amplitudes[3 - i : len(amplitudes) - i] for i, factor in enumerate(polynomial))
         assert np.abs(left).max() < 1e-12 * np.abs(amplitudes).max()
@@ -343,7 +343,7 @@ def test_small_coupling_is_that_of_a_temperature_by_itself():
     for name in ("u", "T"):
         fields = [run.fields[name] for run in runs]
         size = np.abs(fields[-1] - ZERO * (name == "T")).max()
-        apart = [np.abs(one - fields[-1]).max() for one in fields[:-1]]
+        apart = [np.abs(field - fields[-1]).max() for field in fields[:-1]]
         order = np.polyfit(np.log([0.04, 0.02, 0.01]), np.log(apart), 1)[0]
         assert 0.95 < order < 1.05
         assert np.abs(alone.fields[name] - fields[-1]).max() < 2e-3 * size  # its own, larger steps
@@ -363,13 +363,13 @@ def test_a_run_goes_on_bit_for_bit(tmp_path, dtype):
     sim.step(17)
     sim.save(tmp_path / "state.h5")
     runs = [sim, fh.Simulation.restore(tmp_path / "state.h5"), pickle.loads(pickle.dumps(sim))]
-    for one in runs:
-        one.step(25)
+    for run in runs:
+        run.step(25)
     assert sim.broken_bonds > 0 and sim.fields["T"].dtype == np.float64
-    for one in runs[1:]:
-        assert one.energies() == sim.energies()
+    for run in runs[1:]:
+        assert run.energies() == sim.energies()
         for name, values in sim.fields.items():
-            np.testing.assert_array_equal(one.fields[name], values)
+            np.testing.assert_array_equal(run.fields[name], values)
 
 
 def test_what_bonds_gave_to_the_temperature_comes_back_as_they_break():

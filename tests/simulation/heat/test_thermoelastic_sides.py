@@ -48,15 +48,15 @@ def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
     # the fastest wave would go there and back
     assert 2 * far > 1.1 * until * small.model.p_speed * np.sqrt(small.strongest * (1 + stiffening))
     part = tuple(slice(a, None if b == 0 else -b) for a, b in zip(less, more_nodes, strict=True))
-    sizes, found = np.zeros(2), np.zeros(2)
+    sizes, largest = np.zeros(2), np.zeros(2)
     for moment in (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
         for run in (small, large):
             run.run(moment * until, progress=False)
         for i, (name, base) in enumerate((("u", 0.0), ("T", ZERO))):
-            wanted = large.fields[name][(..., *part)]
-            sizes[i] = max(sizes[i], np.abs(wanted - base).max())
-            found[i] = max(found[i], np.abs(small.fields[name] - wanted).max())
-    return list(found / np.where(sizes > 0, sizes, 1))
+            field = large.fields[name][(..., *part)]
+            sizes[i] = max(sizes[i], np.abs(field - base).max())
+            largest[i] = max(largest[i], np.abs(small.fields[name] - field).max())
+    return list(largest / np.where(sizes > 0, sizes, 1))
 
 
 SPOT, PUSH = "exp(-((x-{0})**2)/18)*(abs(x) < 20)", "exp(-(x**2)/18)"
@@ -74,8 +74,8 @@ def test_plane_waves_and_heat_leave(initial, coupled):
     were missed.
     """
     model = both(coupled=coupled)
-    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 120, model, initial, STRIP, 150.0)
-    assert max(found) < 1e-5  # what layers of so many nodes keep for waves along their normal
+    errors_of_fields = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 120, model, initial, STRIP, 150.0)
+    assert max(errors_of_fields) < 1e-5  # what layers of so many nodes keep for waves along their normal
 
 
 @pytest.mark.slow
@@ -85,8 +85,8 @@ def test_plane_waves_and_heat_leave(initial, coupled):
 def test_states_go_on_with_the_heat(material, coupled, initial):
     """The layers continue the force states and the springs beside them."""
     model = both(material=material, coupled=coupled)
-    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 130, model, initial, STRIP, 120.0)
-    assert max(found) < 1e-5
+    errors_of_fields = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 130, model, initial, STRIP, 120.0)
+    assert max(errors_of_fields) < 1e-5
 
 
 @pytest.mark.slow
@@ -94,8 +94,8 @@ def test_heat_still_leaves_when_waves_are_long_gone():
     """After seven times the time in which heat diffuses to the side."""
     model = both(coupling=0.1, diffusivity=0.5)
     initial = {"T": f"300 + {SPOT.format(12)}"}
-    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 800, model, initial, STRIP, 1100.0)
-    assert max(found) < 1e-4
+    errors_of_fields = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 800, model, initial, STRIP, 1100.0)
+    assert max(errors_of_fields) < 1e-4
 
 
 OPEN = ("x-", "x+", "y-", "y+")
@@ -109,8 +109,8 @@ def test_the_plane(name):
     pushed = {"u": ["x*exp(-(x**2 + y**2)/6)", "0.5*exp(-(x**2 + y**2)/6)"]}
     initial = pushed if name == "pushed" else hot
     model, layer = both(coupled=name != "hot by itself"), fh.LatticePML(nodes=16)
-    found = errors((-13.0, -13.0), (13.0, 13.0), OPEN, 40, model, initial, layer, 45.0)
-    assert max(found) < 1e-4  # the model's target; the small domain's is met tenfold
+    errors_of_fields = errors((-13.0, -13.0), (13.0, 13.0), OPEN, 40, model, initial, layer, 45.0)
+    assert max(errors_of_fields) < 1e-4  # the model's target; the small domain's is met tenfold
 
 
 @pytest.mark.slow
@@ -119,8 +119,8 @@ def test_space():
     sides = {"x": fh.LatticePML(nodes=10), "y": fh.LatticePML(nodes=10), "z": fh.Periodic()}
     model = both(kernel=fh.Kernel(1.5, exponent=1), family=1.5, dim=3)
     initial = {"T": "300 + exp(-((x-2)**2 + (y-1)**2 + 2*(cos(pi*z/3) - 1)**2)*0.5)"}
-    found = errors((-8.0, -8.0, 0.0), (8.0, 8.0, 5.0), OPEN, 20, model, initial, sides, 22.0)
-    assert max(found) < 1e-3  # of layers of ten nodes
+    errors_of_fields = errors((-8.0, -8.0, 0.0), (8.0, 8.0, 5.0), OPEN, 20, model, initial, sides, 22.0)
+    assert max(errors_of_fields) < 1e-3  # of layers of ten nodes
 
 
 def solid(young=1.5, density=1.2, **more):
@@ -151,8 +151,8 @@ def test_what_varies_and_breaks(name):
     """In front of the layers, or uniformly along their normals."""
     model, initial, more = VARIANTS[name]
     sides = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
-    found = errors((-13.0, -6.0), (13.0, 6.0), ("x-", "x+"), 45, model, initial, sides, 40.0, **more)
-    assert max(found) < 1e-4
+    errors_of_fields = errors((-13.0, -6.0), (13.0, 6.0), ("x-", "x+"), 45, model, initial, sides, 40.0, **more)
+    assert max(errors_of_fields) < 1e-4
 
 
 @pytest.mark.slow
@@ -164,8 +164,8 @@ def test_at_random(number):
     kinds = random.permutation(["open", random.choice(["open", "periodic", "one"])])
     low, high = -random.integers(10, 15, 2), random.integers(10, 15, 2)
     sides, ends = {}, []
-    for axis, kind in zip("xy", kinds, strict=True):
-        if kind == "periodic":
+    for axis, side in zip("xy", kinds, strict=True):
+        if side == "periodic":
             sides[axis] = fh.Periodic()
             continue
         sides[axis] = fh.LatticePML(nodes=16)
@@ -185,8 +185,8 @@ def test_at_random(number):
     initial = {"T": f"300 + {bump}"} if random.random() < 0.7 else {}
     if not initial or random.random() < 0.5:
         initial["u"] = [f"{value:.3f}*{bump}" for value in random.standard_normal(2)]
-    found = errors(low, high, ends, 45, model, initial, sides, 40.0)
-    assert max(found) < 1e-4
+    errors_of_fields = errors(low, high, ends, 45, model, initial, sides, 40.0)
+    assert max(errors_of_fields) < 1e-4
 
 
 @pytest.mark.slow
@@ -213,8 +213,8 @@ def test_layers_that_choose_themselves_keep_their_targets(number):
     if random.random() < 0.5:
         initial["u"] = [f"{value:.5f}*{bump}" for value in 10 ** random.uniform(-3, 0, 2)]
     ends = OPEN[:2] if periodic else OPEN
-    found = errors(low, high, ends, 45, model, initial, sides, 40.0)
-    assert max(found) < target
+    errors_of_fields = errors(low, high, ends, 45, model, initial, sides, 40.0)
+    assert max(errors_of_fields) < target
 
 
 def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
@@ -231,7 +231,7 @@ def matrix_of_a_step(sim):
     time_loop, solid = sim._time_loop, sim.engine
     heating = time_loop.heating
     heat = heating._heat.parts.grid.engine
-    warm = heat.layout.box.node_indices().ravel()
+    of_heat = heat.layout.box.node_indices().ravel()
     nodes = solid.all_components(solid.layout.box.node_indices().ravel())
 
     def step():
@@ -240,37 +240,37 @@ def matrix_of_a_step(sim):
             pass
 
     random = np.random.default_rng(SEED)
-    for level, places in ((solid.current, nodes), (solid.older, nodes), (heat.current, warm)):
+    for level, places in ((solid.current, nodes), (solid.older, nodes), (heat.current, of_heat)):
         level[places] = random.standard_normal(len(places))
     for _ in range(6):
         step()  # what is zero then is never used
-    own = [(solid, np.flatnonzero(solid.memory)), (heat, np.flatnonzero(heat.memory))]
+    memory = [(solid, np.flatnonzero(solid.memory)), (heat, np.flatnonzero(heat.memory))]
 
     def read():
-        found = [solid.current[nodes], solid.older[nodes], heat.current[warm]]
-        found += [engine.memory[places] for engine, places in own]
+        values = [solid.current[nodes], solid.older[nodes], heat.current[of_heat]]
+        values += [engine.memory[places] for engine, places in memory]
         if heating.coupled:
-            found += [heating._traces.ravel(), heating._traces_beyond]
-        return found
+            values += [heating._traces.ravel(), heating._traces_beyond]
+        return values
 
-    ends = np.cumsum([len(one) for one in read()])
+    ends = np.cumsum([len(part) for part in read()])
 
     def write(values):
         parts = np.split(values, ends[:-1])
         for engine in (solid, heat):
             engine.levels[:], engine.memory[:] = 0, 0
-        solid.current[nodes], solid.older[nodes], heat.current[warm] = parts[:3]
-        for (engine, places), part in zip(own, parts[3:5], strict=True):
+        solid.current[nodes], solid.older[nodes], heat.current[of_heat] = parts[:3]
+        for (engine, places), part in zip(memory, parts[3:5], strict=True):
             engine.memory[places] = part
         if heating.coupled:
             heating._traces, heating._traces_beyond = parts[5].reshape(heating._traces.shape).copy(), parts[6].copy()
 
-    found = np.zeros((ends[-1], ends[-1]))
-    for column, unit in zip(found.T, np.eye(ends[-1]), strict=True):
+    matrix = np.zeros((ends[-1], ends[-1]))
+    for column, unit in zip(matrix.T, np.eye(ends[-1]), strict=True):
         write(unit)
         step()
         column[:] = np.concatenate(read())
-    return found
+    return matrix
 
 
 @pytest.mark.slow
@@ -301,7 +301,7 @@ def test_noise_between_corners_does_not_grow(material):
     sim, sizes = fh.Simulation(box, model, sides, start, dt=0.95 * limit), []
     for _ in range(30):
         sim.run(sim.time + sim.crossing, progress=False, allow_unstable=True)
-        sizes.append([np.abs(one).max() for one in (sim.fields["u"], sim.fields["T"] - ZERO, sim.engine.levels)])
+        sizes.append([np.abs(values).max() for values in (sim.fields["u"], sim.fields["T"] - ZERO, sim.engine.levels)])
     assert (np.max(sizes[-5:], axis=0) < 0.7 * np.array(sizes[5])).all()
 
 
@@ -342,20 +342,20 @@ def test_extended_domains_are_as_layers(sides, coupled):
     initial = {"T": "300 + exp(-((x-5)**2 + (y-2)**2)/4)"}
     box, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), both(coupled=coupled)
     runs = [
-        fh.Simulation(box, model, one, initial, dt=0.3).run(25.0, progress=False)
-        for one in (sides, fh.LatticePML(nodes=24))
+        fh.Simulation(box, model, given, initial, dt=0.3).run(25.0, progress=False)
+        for given in (sides, fh.LatticePML(nodes=24))
     ]
     assert len(runs[0].parts.thermoelastic) == 4
     for name, base in (("u", 0.0), ("T", ZERO)):
-        found, wanted = (run.fields[name] for run in runs)
-        assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted - base).max()
+        field, reference = (run.fields[name] for run in runs)
+        assert np.abs(field - reference).max() < 2e-6 * np.abs(reference - base).max()
 
 
 def test_a_heat_of_several_stages_shares_no_layer():
     """A layer has no memory for each of them."""
     heat = fh.Heat(fh.Kernel(2.0), 4.0, 0.5, 0.3, "rk4")
     sim = fh.Simulation(SQUARE, fh.Thermoelastic(both().elastic, heat, 1e-3, ZERO), fh.LatticePML(nodes=6))
-    assert not sim.parts.thermoelastic and sim.engine.thermoelastic_layers is None
+    assert not sim.parts.thermoelastic and not sim.engine.heat_passes
 
 
 def test_a_heat_that_needs_shorter_steps_is_not_shared():
@@ -371,8 +371,8 @@ def test_the_energy_of_a_hot_spot_beside_a_side(place, material):
     """For nodes that do not move, it is that between periodic sides: bonds into the layer feel the heat, too."""
     initial, box = {"T": f"300 + {SPOT.format(place)}"}, fh.Lattice(1.0, (-24.0, 0.0), (24.0, 4.0))
     model = both(coupled=False, material=material)
-    found = [fh.Simulation(box, model, sides, initial).energies()["strain"] for sides in (STRIP, fh.Periodic())]
-    assert found[0] == pytest.approx(found[1], rel=1e-12)
+    strain = [fh.Simulation(box, model, sides, initial).energies()["strain"] for sides in (STRIP, fh.Periodic())]
+    assert strain[0] == pytest.approx(strain[1], rel=1e-12)
 
 
 @pytest.mark.slow
@@ -392,9 +392,9 @@ def test_a_run_goes_on_bit_for_bit(tmp_path, sides, dtype, coupled):
     sim.run(12.0, progress=False)
     sim.save(tmp_path / "state.h5")
     runs = [sim, fh.Simulation.restore(tmp_path / "state.h5"), pickle.loads(pickle.dumps(sim))]
-    for one in runs:
-        one.step(25)
-    for one in runs[1:]:
-        assert one.parts.thermoelastic == sim.parts.thermoelastic != frozenset()
+    for run in runs:
+        run.step(25)
+    for run in runs[1:]:
+        assert run.parts.thermoelastic == sim.parts.thermoelastic != frozenset()
         for name, values in sim.fields.items():
-            np.testing.assert_array_equal(one.fields[name], values)
+            np.testing.assert_array_equal(run.fields[name], values)

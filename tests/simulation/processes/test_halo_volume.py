@@ -1,11 +1,11 @@
-"""Predicted communication of a run on several processes; `test_team` compares it with what they send."""
+"""Predicted communication of a run on several processes; `test_process_group` compares it with what they send."""
 
 import pytest
 
 import farhorizon as fh
 from farhorizon.simulation.processes.halo_volume import (
-    _LEFT,
-    _WHOLE,
+    _MESSAGE,
+    _OVERLAPPED,
     cost_of_boxes,
     efficiency,
     halo_bytes_along,
@@ -50,8 +50,8 @@ def test_efficiencies_by_hand():
     run = square()
     boxes = boxes_of(run.setup, run.model, run.parts.layered, 2)
     for seconds in (1e-6, 1e-3, 10.0):
-        message, least = (latency + 43 * 8 / bandwidth for latency, bandwidth in (_WHOLE, _LEFT))
-        left = max(least, message - seconds * 20 / 41)
+        message, overlapped = (latency + 43 * 8 / bandwidth for latency, bandwidth in (_MESSAGE, _OVERLAPPED))
+        left = max(overlapped, message - seconds * 20 / 41)
         assert predicted(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + left), rel=1e-12)
     assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]
     # layers count as work: the box with one is smaller
@@ -64,7 +64,7 @@ def test_what_is_swept_ahead():
     """Nothing while messages travel along the last axis, and nothing of states that break."""
     run, seconds = square(), 1e-3
     boxes = boxes_of(run.setup, run.model, run.parts.layered, 2, [1, 2])
-    message = _WHOLE[0] + 41 * 8 / _WHOLE[1]
+    message = _MESSAGE[0] + 41 * 8 / _MESSAGE[1]
     assert predicted(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
     # four boxes: along the first axis the halo of the last one is sent, too
     four = boxes_of(run.setup, run.model, run.parts.layered, 4)

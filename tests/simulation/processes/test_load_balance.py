@@ -97,14 +97,14 @@ def test_parts_have_the_work_of_the_whole():
         fh.Lattice(1.0, (0, 0, 0), (19, 17, 18)), fh.Corrosion(fh.Kernel(2.0), saturation=0.5), specimens=[metal]
     )
     for setup in (plane(SOLID, cracks=band(3.0, 20.0)).setup, solid):
-        whole = cost_per_node(setup, setup.model, setup.lattice)
-        assert len(np.unique(whole)) > 1
+        work = cost_per_node(setup, setup.model, setup.lattice)
+        assert len(np.unique(work)) > 1
         for cut in (4, 9, 13):
-            ends = [[(0, cut), (cut, whole.shape[0])], *([(0, n)] for n in whole.shape[1:])]
+            ends = [[(0, cut), (cut, work.shape[0])], *([(0, n)] for n in work.shape[1:])]
             rows = [
                 cost_per_node(setup, setup.model, setup.lattice.part([x, *(e[0] for e in ends[1:])])) for x in ends[0]
             ]
-            np.testing.assert_array_equal(np.concatenate(rows), whole)
+            np.testing.assert_array_equal(np.concatenate(rows), work)
 
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
@@ -130,12 +130,12 @@ def test_uneven_boxes_are_more_even_in_work(case):
         run = plane(SOLID if kind == "breaking" else fh.Wave(KERNEL), shape, cracks=band(at + 6, at + 20))
     for topology in ([1, count], [2, 2]):
         boxes = boxes_of(run.setup, run.model, run.parts.layered, int(np.prod(topology)), topology)
-        told = f"seed {SEED}, {kind}, {topology}: {boxes.cuts}"
+        words = f"seed {SEED}, {kind}, {topology}: {boxes.cuts}"
         before, now = busiest(run, equal(run, topology)), busiest(run, boxes)
-        assert boxes.cuts != equal(run, topology).cuts and now < before, told
+        assert boxes.cuts != equal(run, topology).cuts and now < before, words
         if topology[0] == 1:  # cut along one axis, only the work of a row remains
             along = cost_along(run.setup, run.model, cost_beyond(run.parts.layered, run.stencil, run.lattice))[1]
-            assert now - 1 <= along.max() * count / along.sum() + 0.01, told
+            assert now - 1 <= along.max() * count / along.sum() + 0.01, words
 
 
 def test_uniform_media_are_cut_as_ever():

@@ -15,7 +15,7 @@ import farhorizon as fh
 from farhorizon.cli import main
 from outputs import written
 
-PROGRAM = Path(__file__).parents[1] / "on_processes.py"
+PROGRAM = Path(__file__).parents[2] / "on_processes.py"
 CASE = """
 lattice = { spacing = 0.3, lower = [-7.2, -7.2], upper = [7.2, 7.2] }
 model = { type = "wave", kernel = { horizon = 0.6 } }
@@ -65,8 +65,8 @@ TO_ROUNDING = (
 )
 
 
-def check_all(found, least):
-    cases = [line for line in found if "case" in line]
+def check_all(lines, least):
+    cases = [line for line in lines if "case" in line]
     assert len(cases) >= least
     for line in cases:
         assert line["same"] if line["case"] not in TO_ROUNDING else line["off"] < 1e-13, line
@@ -85,28 +85,28 @@ ON_FOUR = pytest.param(4, "slow", marks=pytest.mark.slow)
 @pytest.mark.parametrize("processes", [2, 4])
 def test_several_processes_compute_what_one_does(tmp_path, processes):
     """One set-up of each kind; the slow tests have all."""
-    found = told(tmp_path, processes, "few", "fields", "files", "kept")
-    check_all(found, 4)
-    check_refused(found)
-    check_files(found, tmp_path, processes, 1)
-    check_kept(found, processes, 1)
+    lines = told(tmp_path, processes, "few", "fields", "files", "kept")
+    check_all(lines, 4)
+    check_refused(lines)
+    check_files(lines, tmp_path, processes, 1)
+    check_kept(lines, processes, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), (2, "slow"), (4, "slow")])
 def test_fields_are_those_of_one_process(tmp_path, processes, size):
     """To the last bit: layers cut or chosen, in either precision; periodic sides, sources, several dimensions."""
-    found = told(tmp_path, processes, size, "fields")
-    check_all(found, {"all": 24, "slow": 54}[size])
-    check_refused(found)
-    for line in (line for line in found if line.get("case") == "a band of cracks"):
+    lines = told(tmp_path, processes, size, "fields")
+    check_all(lines, {"all": 24, "slow": 54}[size])
+    check_refused(lines)
+    for line in (line for line in lines if line.get("case") == "a band of cracks"):
         first, *_, last = np.diff(line["cuts"][1])
         assert first < last - 5, line  # boxes with more work have fewer nodes
 
 
-def check_refused(found):
+def check_refused(lines):
     """Check that all processes give one message, also for a run that becomes unstable."""
-    for line in (line for line in found if "refused" in line):
+    for line in (line for line in lines if "refused" in line):
         words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
         words |= {"hot": "the stress-free temperature", "heat of deformation": "heat as they are deformed"}
@@ -116,7 +116,7 @@ def check_refused(found):
         words |= {"no node": "a constraint holds no node", "no load": "the traction meets no node"}
         assert len(set(line["told"])) == 1, line  # the same on all
         assert words.get(line["refused"], "LatticePML") in line["told"][0], line
-    (line,) = (line for line in found if "unstable" in line)
+    (line,) = (line for line in lines if "unstable" in line)
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
@@ -126,34 +126,34 @@ def test_files_are_those_of_one_process(tmp_path, processes, size):
     check_files(told(tmp_path, processes, size, "files"), tmp_path, processes, 6)
 
 
-def check_files(found, folder, processes, count):
+def check_files(lines, folder, processes, count):
     """Fields and probes agree to the last bit; receivers between nodes of several boxes are sums in another order."""
-    files = [line for line in found if "files" in line]
+    files = [line for line in lines if "files" in line]
     assert len(files) == count
     for line in files:
         assert line["probes"] == 0 and line["receivers"] < 1e-14, line
         for ending in (".h5", ".now.h5"):
-            one, other = (folder / f"{line['files']}-{name}{ending}" for name in ("together", "alone"))
-            assert len(list(Path(f"{one}.parts").iterdir())) == processes
-            assert_same_results(one, other)
-            fh.open_results(one).merge(folder / "flat.h5")
-            assert_same_files(folder / "flat.h5", other)
+            together, alone = (folder / f"{line['files']}-{name}{ending}" for name in ("together", "alone"))
+            assert len(list(Path(f"{together}.parts").iterdir())) == processes
+            assert_same_results(together, alone)
+            fh.open_results(together).merge(folder / "flat.h5")
+            assert_same_files(folder / "flat.h5", alone)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), (4, "slow")])
 def test_runs_go_on_on_other_boxes_and_on_fewer_processes(tmp_path, processes, size):
     """As if they had not been interrupted, including the memory of layers."""
-    found = told(tmp_path, processes, size, "kept")
-    check_kept(found, processes, {"all": 8, "slow": 19}[size])
-    (line,) = (line for line in found if "adopted" in line)
+    lines = told(tmp_path, processes, size, "kept")
+    check_kept(lines, processes, {"all": 8, "slow": 19}[size])
+    (line,) = (line for line in lines if "adopted" in line)
     assert line["adopted"] == [True] * 3 and line["nodes"][0] > line["nodes"][1], line  # layers for a longer run
-    (line,) = (line for line in found if "unlike" in line)
+    (line,) = (line for line in lines if "unlike" in line)
     assert len(set(line["unlike"])) == 1 and "the checkpoint belongs to another set-up" in line["unlike"][0]
 
 
-def check_kept(found, processes, count):
-    kept = [line for line in found if "kept" in line]
+def check_kept(lines, processes, count):
+    kept = [line for line in lines if "kept" in line]
     assert len(kept) == count
     for line in kept:
         assert len(line["same"]) == {2: 5, 4: 6}[processes], line
@@ -166,28 +166,28 @@ def check_kept(found, processes, count):
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
 def test_records_are_those_of_one_process(tmp_path, processes, size):
     """Crack tips, spectra, power, intensities, far fields and shells; sums over nodes of several boxes to rounding."""
-    found = told(tmp_path, processes, size, "records")
-    (line,) = (line for line in found if "tips" in line)
+    lines = told(tmp_path, processes, size, "records")
+    (line,) = (line for line in lines if "tips" in line)
     assert line["tips"] and line["sums"] < 1e-12
     assert line["length"][1] > line["length"][0] + 0.6, line  # by a horizon
-    records = [line for line in found if "recorded" in line]
+    records = [line for line in lines if "recorded" in line]
     assert len(records) == 11
     for line in records:
         assert line["alike"] and line["keys"] == len(line["off"]) and line["least"] > 1e-4, line
         assert max(line["off"].values()) < 1e-13, line
 
 
-def assert_same_results(one, other):
-    ours, theirs = fh.open_results(one), fh.open_results(other)
+def assert_same_results(path, reference):
+    ours, theirs = fh.open_results(path), fh.open_results(reference)
     assert ours.finished and ours.shape == theirs.shape and len(ours.times) == len(theirs.times)
     for name in theirs.field_names:
         for index in range(len(theirs.times)):
             np.testing.assert_array_equal(ours.field(name, index), theirs.field(name, index))
 
 
-def assert_same_files(one, other):
+def assert_same_files(path, reference):
     """Compare files dataset by dataset, except the provenance; energies and records are sums in another order."""
-    ours, theirs = datasets(one), datasets(other)
+    ours, theirs = datasets(path), datasets(reference)
     assert ours.keys() == theirs.keys()
     for name, values in theirs.items():
         if name.startswith("farhorizon/recorded") or name == "farhorizon/history/energy":
@@ -198,16 +198,18 @@ def assert_same_files(one, other):
 
 def datasets(path):
     """Return all datasets of a file, and its attributes except the provenance."""
-    found = {}
+    contents = {}
 
     def look(name, item):
-        found.update({f"{name} {key}": np.asarray(value) for key, value in item.attrs.items() if key != "provenance"})
+        contents.update(
+            {f"{name} {key}": np.asarray(value) for key, value in item.attrs.items() if key != "provenance"}
+        )
         if isinstance(item, h5py.Dataset):
-            found[name] = item[()]
+            contents[name] = item[()]
 
     with h5py.File(path) as file:
         file.visititems(look)
-    return found
+    return contents
 
 
 def on_one(folder):
@@ -232,8 +234,8 @@ def test_the_command_line_runs_a_case_on_all_processes(tmp_path, monkeypatch, pr
     folder, alone = tmp_path, on_one(tmp_path)
     (folder / "blocked" / "case.h5.parts").mkdir(parents=True)
     (folder / "blocked" / "case.h5.parts" / "0001.h5").write_text("mine")
-    found = told(folder, processes, size, "commands")
-    lines = {line["command"]: line["told"] for line in found if "command" in line}
+    lines = told(folder, processes, size, "commands")
+    lines = {line["command"]: line["told"] for line in lines if "command" in line}
     for every in lines.values():
         codes, outs, errors = zip(*every, strict=True)
         assert len(set(codes)) == 1 and not any(outs[1:]) and not any(errors[1:]), every

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-PROGRAM = Path(__file__).parents[1] / "start_on_processes.py"
+PROGRAM = Path(__file__).parents[2] / "start_on_processes.py"
 TWICE = "states that vary in a body"  # is assembled once more when its fastest oscillation is known
 
 
@@ -28,10 +28,10 @@ def test_the_start_of_a_process_does_not_depend_on_the_whole():
     """With as many nodes per process, on two and on four: points and bytes per node stay the same."""
     two, four = start_of(2), start_of(4)
     assert two.keys() == four.keys()
-    for name, found in two.items():
-        for what, of_a_node in found.items():
+    for name, counts in two.items():
+        for what, of_a_node in counts.items():
             grown = four[name][what] / max(of_a_node, 1e-12)
             assert grown < 1.15 or four[name][what] < 0.1, (name, what, two, four)
         # metal is evaluated for the cuts, for the check that there is some, and when it is laid, with what bonds reach;
         # a medium that varies for its median, for its extremes, for the cuts, and when it is laid
-        assert found["points"] < 5 * (1 + (name == TWICE)), (name, found)
+        assert counts["points"] < 5 * (1 + (name == TWICE)), (name, counts)

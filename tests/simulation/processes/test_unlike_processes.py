@@ -12,7 +12,7 @@ import pytest
 
 from farhorizon.simulation.setup.digests import digest_of
 
-PROGRAM = Path(__file__).parents[1] / "on_unlike_processes.py"
+PROGRAM = Path(__file__).parents[2] / "on_unlike_processes.py"
 GLOBAL = np.arange(20.0)
 
 
@@ -33,11 +33,11 @@ def done(processes, *arguments):
 def test_each_difference_and_each_failure_is_told_once_and_on_all(mpi, tmp_path, processes):
     run = done(processes, str(tmp_path))
     assert run.returncode == 0, run.stderr[-2000:]
-    found = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")]
-    assert len(found) > 50
-    for line in found:
+    lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")]
+    assert len(lines) > 50
+    for line in lines:
         kinds, words, tells = zip(*line["errors"], strict=True)
-        assert "nothing" not in kinds and all(line["word"] in one for one in words), line
+        assert "nothing" not in kinds and all(line["word"] in message for message in words), line
         assert sum(tells) == 1, line
 
 
@@ -77,7 +77,7 @@ def with_default(x, factor=GLOBAL):
 
 def closed(factor):
     def inner(x):
-        return [factor * one for one in x]
+        return [factor * value for value in x]
 
     return inner
 
@@ -101,7 +101,7 @@ CHANGED = np.where(np.arange(20) == 7, 7.0 + 2**-49, GLOBAL)  # the next number 
         lambda values: partial(with_default, factor=values),
         lambda values: Given(closed(Given(values))),
         lambda values: np.array([values, None], object),
-        lambda values: {float(one) for one in values},
+        lambda values: {float(value) for value in values},
     ],
 )
 def test_digests_depend_on_the_values_alone(made):
@@ -118,8 +118,8 @@ def test_digests_of_functions_that_read_their_module(monkeypatch):
 def test_values_computed_on_demand_and_cycles_change_no_digest():
     import farhorizon as fh
 
-    one, other = (fh.Lattice(1.0, (-3.0, -3.0), (3.0, 3.0), body=fh.Disc(2.0)) for _ in range(2))
-    assert one.mask.any() and digest_of(one) == digest_of(other)
+    lattice, again = (fh.Lattice(1.0, (-3.0, -3.0), (3.0, 3.0), body=fh.Disc(2.0)) for _ in range(2))
+    assert lattice.mask.any() and digest_of(lattice) == digest_of(again)
     lists = [[1.0], [1.0]]
     for inner in lists:
         inner.append(inner)

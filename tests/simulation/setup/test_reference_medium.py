@@ -1,4 +1,4 @@
-"""The uniform host of a medium that varies, found by processes that each see a part of it."""
+"""The uniform medium to which one that varies is compared, found by processes that each see a part of it."""
 
 import os
 from dataclasses import replace
@@ -8,7 +8,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.geometry import lattice as lattices
-from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
+from farhorizon.geometry.decomposition import decompose
+from farhorizon.simulation.setup.reference_medium import _widened, node_factor, reference_and_variation, varied
 from threads_as_processes import on_threads
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
@@ -27,7 +28,9 @@ def random_setup(rng):
 
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
-    """The host has the medium of the middle node, sorted by speed and then by number, on any number of processes."""
+    """The reference is the medium of the middle node, sorted by speed and then by number, on any number of
+    processes.
+    """
     print(f"seed {SEED}")
     rng = np.random.default_rng([SEED, count])
     for _ in range(6):
@@ -41,7 +44,7 @@ def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
         uniform, variation = varied(setup)
         assert (uniform.model.speed, uniform.model.density) == (speed.flat[middle], density.flat[middle]), SEED
         np.testing.assert_allclose(variation.squared_speed, (speed / speed.flat[middle]) ** 2, rtol=1e-14)
-        for reference_medium, _ in on_threads(count, lambda team, setup=setup: reference_and_variation(setup, team)):
+        for reference_medium, _ in on_threads(count, lambda group, setup=setup: reference_and_variation(setup, group)):
             assert (reference_medium.model.speed, reference_medium.model.density) == (
                 uniform.model.speed,
                 uniform.model.density,
@@ -54,7 +57,7 @@ def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
     for density, even in (("1 + 0*x", ("density",)), ("where(x > 25, 2, 1)", ())):
         setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x", density=density), fh.Free())
         for reference_medium, variation in on_threads(
-            2, lambda team, setup=setup: reference_and_variation(setup, team)
+            2, lambda group, setup=setup: reference_and_variation(setup, group)
         ):
             assert reference_medium.even == even
             assert (variation.density is None) == bool(even)
@@ -70,7 +73,7 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
         lattice = fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0, body=fh.Disc(0.35 * min(shape), tuple(centre)))
         factor = rng.uniform(0.5, 2.0, shape)
         setup = fh.Setup(lattice, fh.Wave(KERNEL), fh.Free(), coefficient=factor, rim="fixed")
-        whole, cut = node_factor(setup), int(rng.integers(5, shape[0] - 5))
+        factors, cut = node_factor(setup), int(rng.integers(5, shape[0] - 5))
         reached = np.zeros(shape, bool)  # by bonds of the body's nodes
         for offset in fh.Stencil.from_kernel(KERNEL, 1.0, 2).offsets:
             rows, columns = np.nonzero(lattice.mask)
@@ -79,9 +82,29 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
             reached[rows[inside], columns[inside]] = True
         for ends in ((0, cut), (cut, shape[0])):
             part = lattice.part([ends, (0, shape[1])])
-            found = node_factor(replace(setup, lattice=part))
-            there = reached[part.within]
-            np.testing.assert_array_equal(found[there], whole[part.within][there], err_msg=f"seed {SEED}")
+            of_part = node_factor(replace(setup, lattice=part))
+            inside = reached[part.within]
+            np.testing.assert_array_equal(of_part[inside], factors[part.within][inside], err_msg=f"seed {SEED}")
+
+
+@pytest.mark.parametrize("periodic", [(), (0,), (0, 1)])
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_boxes_are_widened_by_the_values_of_their_neighbours(count, periodic):
+    """Beyond the lattice by those at its edges, or by those on the other side."""
+    values, reach = np.random.default_rng(count).standard_normal((13, 17)), (2, 3)
+    widened = values
+    for axis, m in enumerate(reach):
+        widths = [(m * (a == axis),) * 2 for a in range(2)]
+        widened = np.pad(widened, widths, mode="wrap" if axis in periodic else "edge")
+    boxes = decompose(values.shape, count, reach, {}, frozenset(periodic))
+
+    def of_box(group):
+        box = tuple(slice(*ends) for ends in boxes.ranges(group.number))
+        return _widened(values[box], boxes, reach, group)
+
+    for number, of_process in enumerate(on_threads(count, of_box)):
+        box = tuple(slice(a, b + 2 * m) for (a, b), m in zip(boxes.ranges(number), reach, strict=True))
+        np.testing.assert_array_equal(of_process, widened[box])
 
 
 def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):
@@ -90,4 +113,13 @@ def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):
     lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0), body=fh.Disc(0.2, (3.5, 3.5)))
     setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x"), fh.Free())
     with pytest.raises(fh.InputError, match="no node lies in the window or body"):
-        on_threads(2, lambda team: reference_and_variation(setup, team))
+        on_threads(2, lambda group: reference_and_variation(setup, group))
+
+
+def test_a_stiff_inclusion_leaves_the_medium_of_waves_that_come_from_outside():
+    """The reference is the medium of most nodes, in which boxes of incident waves have to lie, not the stiffest one."""
+    lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
+    inclusion = {name: lambda x, y: np.where(x**2 + y**2 < 36, 2.0, 1.0) for name in ("speed", "density")}
+    wave = fh.IncidentWave((1.0, 0.0), "sin(pi*t/20)**4", 20.0, within=fh.Box((-15, -15), (15, 15)))
+    sim = fh.Simulation(lattice, fh.Wave(KERNEL, **inclusion), fh.LatticePML(nodes=6), sources=[wave])
+    assert (sim.model.speed, sim.model.density) == (1.0, 1.0)

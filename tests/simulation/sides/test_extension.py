@@ -39,14 +39,14 @@ def test_what_returns_from_too_near_an_end_is_told(number):
     share = np.random.default_rng([SEED, number, 1]).uniform(0.5, 0.9)
     needed = fh.Simulation(lattice, model, fh.Extended(1e-4, until=until), data).extents
     sides = {
-        "xyz"[axis] + ("+" if side > 0 else "-"): fh.Extended(1e-4, int(share * one.nodes), until)
-        for (axis, side), one in needed.items()
+        "xyz"[axis] + ("+" if side > 0 else "-"): fh.Extended(1e-4, int(share * extent.nodes), until)
+        for (axis, side), extent in needed.items()
     }
     near, far = (
         fh.Simulation(lattice, model, boundary, data, threads=1)
         for boundary in (sides, fh.Extended(1e-11, until=until))
     )
-    told = [float(re.search(r"up to (\S+) of the largest value may return", text)[1]) for text in near.doubts]
+    predicted = [float(re.search(r"up to (\S+) of the largest value may return", text)[1]) for text in near.doubts]
     worst = 0.0
     while near.time < until:
         near.step(2)
@@ -54,8 +54,8 @@ def test_what_returns_from_too_near_an_end_is_told(number):
         exact = np.array(far.fields["u"])
         size = np.abs(exact).max() if model.order == 1 else np.abs(data["u"]).max()
         worst = max(worst, float(np.abs(near.fields["u"] - exact).max() / size))
-    assert worst < 1.5 * 2 * lattice.dim * max(told)
-    assert lattice.dim > 1 or worst > max(told) / 10  # the front of a wave is steep
+    assert worst < 1.5 * 2 * lattice.dim * max(predicted)
+    assert lattice.dim > 1 or worst > max(predicted) / 10  # the front of a wave is steep
 
 
 def test_the_number_that_a_warning_names_meets_the_target():
@@ -77,4 +77,4 @@ def test_nodes_are_taken_where_no_domain_meets_the_target():
 @pytest.mark.parametrize("side", [fh.Extended(nodes=3, until=30.0), fh.Extended(1e-4, 3)])
 def test_nodes_without_a_target_or_an_end_are_taken_as_they_are(side):
     sim = fh.Simulation(LATTICE, WAVE, side, BLOB)
-    assert not sim.doubts and {one.nodes for one in sim.extents.values()} == {3}
+    assert not sim.doubts and {extent.nodes for extent in sim.extents.values()} == {3}

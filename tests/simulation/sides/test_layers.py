@@ -10,7 +10,7 @@ import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
-from farhorizon.simulation.sides.layers import with_one_filter
+from farhorizon.simulation.sides.layered_sides import with_one_filter
 from farhorizon.simulation.sides.trials import TrialRuns
 from farhorizon.studies.compare import compare
 
@@ -50,32 +50,32 @@ def test_little_damping_waits_for_the_second_step_if_waves_turn_little_in_one():
 def test_layers_have_one_filter(damped, dim, turns, every):
     """The longest filter, applied equally often in all layers; layers without damping stay as they are."""
     given = {(0, -1): layer(GENTLE), (0, 1): layer(), (1, 1): layer(damped)}
-    found = with_one_filter(given, turns**2, 1.0, dim)
-    assert found[0, 1] is given[0, 1]
+    filtered = with_one_filter(given, turns**2, 1.0, dim)
+    assert filtered[0, 1] is given[0, 1]
     for key in ((0, -1), (1, 1)):
-        assert np.array_equal(found[key].taps, given[1, 1].taps)
-        assert np.array_equal(found[key].damping, given[key].damping)
-        assert found[key].every == every
+        assert np.array_equal(filtered[key].taps, given[1, 1].taps)
+        assert np.array_equal(filtered[key].damping, given[key].damping)
+        assert filtered[key].every == every
 
 
 def test_a_process_that_has_some_of_the_layers_filters_them_as_often_as_the_others():
     given = {(0, -1): layer(GENTLE), (1, 1): layer(STRONG)}
-    whole = with_one_filter(given, 0.25, 1.0, 3)
-    part = with_one_filter({(0, -1): whole[0, -1]}, 0.25, 1.0, 3)
-    assert part[0, -1].every == whole[0, -1].every == 1
+    layers = with_one_filter(given, 0.25, 1.0, 3)
+    part = with_one_filter({(0, -1): layers[0, -1]}, 0.25, 1.0, 3)
+    assert part[0, -1].every == layers[0, -1].every == 1
     assert np.array_equal(part[0, -1].taps, STRONG[1])
 
 
 def test_a_run_goes_on_bitwise_between_two_filters(tmp_path):
-    whole, first = cube(), cube()
-    whole.step(9)
+    straight, first = cube(), cube()
+    straight.step(9)
     first.step(4)
     first.step(1)
     first.save(tmp_path / "checkpoint.npz")
     resumed = cube()
     resumed.load(tmp_path / "checkpoint.npz")
     resumed.step(4)
-    assert np.array_equal(resumed.fields["u"], whole.fields["u"])
+    assert np.array_equal(resumed.fields["u"], straight.fields["u"])
 
 
 @pytest.mark.parametrize("reach", [2.0, pytest.param(3.0, marks=pytest.mark.slow)])
@@ -88,18 +88,18 @@ def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, la
     for every in (2, 1):
         sim = cube(reach, 7, layers, share=0.999 * np.sin(0.2 * np.pi))
         if every == 1:
-            sides = {key: replace(one, every=1) for key, one in sim.engine.layers.items()}
+            sides = {key: replace(layer, every=1) for key, layer in sim.engine.layers.items()}
             names = {"xyz"[axis] + "-+"[side > 0]: (axis, side) for axis, side in sides}
             boundary = {name: fh.LatticePML(nodes=layers, profile=sides[key]) for name, key in names.items()}
             sim = cube(reach, 7, boundary=boundary, dt=sim.dt)
         assert sim.engine.tables.filter.every == every
-        state, found = State(sim.engine), []
+        state, norms = State(sim.engine), []
         x = np.random.default_rng(1).standard_normal(state.size)
         for _ in range(6):
             x = state.after(x, 400)
             u = sim.engine.core.view(sim.engine.current)
-            found.append(np.linalg.norm(u - u.mean()))
-        sizes.append(found)
+            norms.append(np.linalg.norm(u - u.mean()))
+        sizes.append(norms)
     assert sizes[0][-1] < 0.5 * sizes[0][0]
     np.testing.assert_allclose(*sizes, rtol=0.01)
 
@@ -141,7 +141,7 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
     u, model = np.exp(-(x**2 + y**2 + z**2) / 8), fh.Wave(fh.Kernel(3.0))
     exact = fh.Simulation(lattice, model, fh.Extended(1e-8, until=80.0), {"u": u}, threads=1)
     sim = fh.Simulation(lattice, model, fh.LatticePML(target=1e-3, until=80.0), {"u": u}, threads=1)
-    assert all(one.layer.tuned.size for one in sim.thickness.values())
+    assert all(chosen.layer.tuned.size for chosen in sim.thickness.values())
     worst = 0.0
     for step in np.linspace(0, 80.0 / sim.dt, 9).astype(int)[1:].tolist():
         for run in (sim, exact):
@@ -149,7 +149,7 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
         worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max()))
     assert 1e-7 < worst <= 1e-3
     fine = fh.Simulation(lattice, model, fh.LatticePML(target=1e-8, until=80.0), {"u": u}, threads=1)
-    assert all(one.layer.filtered for one in fine.thickness.values())
+    assert all(chosen.layer.filtered for chosen in fine.thickness.values())
 
 
 def scattering(random, wave, side=None):
@@ -214,9 +214,9 @@ def test_waves_that_run_away_from_a_side_are_scattered_back_to_it(where):
         "cracks": [fh.Crack(fh.PointCut(1.01), factor=0.1)] if where == "crack" else [],
         "constraints": [fh.Prescribed(fh.Box((1.0,), (1.06,)), value=0.0)] if where == "held" else [],
     }
-    found = compare(given, 12.0, beside=False)
-    (curve,) = found.curves.values()
-    assert curve["error_max_over_run"] < 1e-6 * found.initial
+    comparison = compare(given, 12.0, beside=False)
+    (curve,) = comparison.curves.values()
+    assert curve["error_max_over_run"] < 1e-6 * comparison.initial
 
 
 @pytest.mark.parametrize(
@@ -290,8 +290,8 @@ def test_mirrored_data_have_mirrored_layers(name):
         fh.Simulation(lattice, model, fh.LatticePML(target=1e-3, until=60.0), {"u": u}, threads=1).thickness
         for u in (plain, sign * np.flip(plain, across))
     ]
-    for side, found in chosen[0].items():
-        other = chosen[1][{"y-": "y+", "y+": "y-"}.get(side, side)]
-        assert (other.name, other.nodes) == (found.name, found.nodes)
+    for side, thickness in chosen[0].items():
+        mirrored = chosen[1][{"y-": "y+", "y+": "y-"}.get(side, side)]
+        assert (mirrored.name, mirrored.nodes) == (thickness.name, thickness.nodes)
         # the loudest waves stand for others, and the first of mirror images is taken; a node more changes it threefold
-        assert other.predicted == pytest.approx(found.predicted, rel=0.1)
+        assert mirrored.predicted == pytest.approx(thickness.predicted, rel=0.1)

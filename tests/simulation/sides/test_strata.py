@@ -60,13 +60,13 @@ def test_layers_are_made_for_the_most_nearly_incompressible_medium_at_their_side
     ):
         sim = strata(constants, boundary)
         assert np.abs(sim.parts.near.continued.weights - stencil.weights).max() < 1e-12 * np.abs(stencil.weights).max()
-        for found in on_threads(2, lambda team, setup=sim.setup: _continued(setup, team)):
-            np.testing.assert_allclose(found, stencil.weights, rtol=0, atol=1e-12 * np.abs(stencil.weights).max())
+        for weights in on_threads(2, lambda group, setup=sim.setup: _continued(setup, group)):
+            np.testing.assert_allclose(weights, stencil.weights, rtol=0, atol=1e-12 * np.abs(stencil.weights).max())
 
 
-def _continued(setup, team):
-    subdomain, _ = shared(setup, team, None)
-    return survey(subdomain.setup, 1.0, team, subdomain).near.continued.weights
+def _continued(setup, group):
+    subdomain, _ = shared(setup, group, None)
+    return survey(subdomain.setup, 1.0, group, subdomain).near.continued.weights
 
 
 def random_strata(rng):

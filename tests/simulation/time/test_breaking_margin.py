@@ -136,7 +136,7 @@ def test_results_pictures_and_the_command_line_tell(tmp_path, monkeypatch, capsy
     titles = []
     monkeypatch.setattr(
         "farhorizon.pictures.result_pictures.field_panels",
-        lambda fields, *_args, **names: titles.append(([title for title, _ in fields], str(names))),
+        lambda panels, _axes, _path, look: titles.append(([panel.title for panel in panels], look.title)),
     )
     assert main(["plot", "a.h5", "--times", "0", "40"]) == 0
     panels, names = titles[-1]  # those of the damage, since u is zero at first

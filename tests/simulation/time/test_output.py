@@ -84,17 +84,17 @@ def test_an_interrupted_run_continues_as_if_it_had_not_been(threads, ctrl_c, mon
     for sim in (whole, parts):
         sim.record([1.0])
         sim.step(7)
-    loop = parts.engine._own_loop
+    loop = parts.engine._compiled_loop
 
     def interrupted(*given):
         loop(*given)
         ctrl_c()
 
-    monkeypatch.setattr(parts.engine, "_own_loop", interrupted)
+    monkeypatch.setattr(parts.engine, "_compiled_loop", interrupted)
     with pytest.raises(KeyboardInterrupt):
         parts.step(2000)
     assert 7 < parts.step_count < 2007
-    monkeypatch.setattr(parts.engine, "_own_loop", loop)
+    monkeypatch.setattr(parts.engine, "_compiled_loop", loop)
     parts.step(2007 - parts.step_count)
     whole.step(2000)
     np.testing.assert_array_equal(parts.engine.levels, whole.engine.levels)

@@ -9,7 +9,7 @@ each end finds the same by itself. Absent bonds may carry compression, where e i
 c has a factor that follows from the coefficients of both ends, whichever comes first. Where heat strains the nodes, e
 is reduced by the sum of the strains that both ends would have if they were free, which is twice their mean.
 
-A bond that softens keeps a share of its stiffness, which each of its ends remembers: the smallest that its stretches
+A bond that softens keeps a fraction of its stiffness, which each of its ends remembers: the smallest that its stretches
 have left since the start, so that it unloads along the secant. With the stretch s, e/2 or ``|xi + eta| / |xi| - 1``,
 and the limits s0 and s1 this is ``s0 (s1 - s) / (s (s1 - s0))`` where the force falls linearly, and ``s0/s exp(-2 (s -
 s0) / (s1 - s0))`` where it decays; both dissipate the energy ``c |xi|^2 s0 s1 / 2``.
@@ -40,63 +40,36 @@ _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
 
 
 class TileAddresses(NamedTuple):
-    """Byte addresses of what a sweep of tiles reads and writes, int64.
-
-    Attributes
-    ----------
-    src, base, out, coefficient, alive, strength, closing, thermal_strain, residual_stiffness, final : int
-        The first node in the levels, and in the arrays of coefficients, of bits of the bonds that exist, of strengths,
-        of bits of bonds that carry compression in any case, of thermal strains, of the shares of their stiffness that
-        bonds keep, and of the stretches at which none is left.
-    broken : int
-        Energy, in units of c, and number of the bonds that have broken, float64; bonds that soften add to them.
-    table, places : int
-        The tables of reals and of integers; that of reals holds, bond by bond, xi, 1 / |xi|^2 and c, without
-        coefficients.
-    zone : int
-        The zone: its first node, then its extent along each axis, int64.
+    """Byte addresses of what a sweep of tiles reads and writes, int64: of the first node in the levels and in arrays
+    with a value per node, and of tables.
     """
 
     src: int
     base: int
     out: int
     coefficient: int
-    alive: int
+    alive: int  # bits of the bonds that are present
     strength: int
-    closing: int
+    closing: int  # bits of the bonds that carry compression in any case
     thermal_strain: int
-    residual_stiffness: int
-    final: int
-    broken: int
-    table: int
-    places: int
-    zone: int
+    residual_stiffness: int  # fractions of their stiffness that bonds keep
+    final: int  # stretches at which none is left
+    broken: int  # energy, in units of c, and number of broken bonds, float64; bonds that soften add to them
+    table: int  # bond by bond xi, 1 / |xi|^2 and c, without coefficients
+    places: int  # bond by bond `PLACES` integers
+    zone: int  # first node, then extent along each axis, int64
 
 
 class TileShape(NamedTuple):
-    """Where the nodes of tiles lie, int64.
+    """Where the nodes of tiles lie, int64; distances are in elements."""
 
-    Attributes
-    ----------
-    bonds : int
-        Number of bonds of a node.
-    words : int
-        Distance between words of bits, and between the shares of one bond and the next.
-    nodes, rows : int
-        Nodes of a row, and rows.
-    step, apart : int
-        Distances of rows and of components.
-    i0, i1, i2 : int
-        Coordinates of the first node along the three axes.
-    """
-
-    bonds: int
-    words: int
-    nodes: int
+    bonds: int  # of a node
+    words: int  # distance between words of bits, and between the residual stiffnesses of one bond and the next
+    nodes: int  # of a row
     rows: int
-    step: int
-    apart: int
-    i0: int
+    step: int  # distance of rows
+    apart: int  # distance of components
+    i0: int  # coordinates of the first node
     i1: int
     i2: int
 
@@ -104,10 +77,22 @@ class TileShape(NamedTuple):
 _ADDRESSES = types.NamedUniTuple(types.int64, len(TileAddresses._fields), TileAddresses)
 _SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
 
-#: Components of the field, whether the law is nonlinear, the number type, the rule of coefficients or None, whether
-#: nodes have strengths of their own, whether absent bonds carry compression, whether heat strains the nodes, and how
-#: bonds soften, one of `SOFTENINGS` or None.
-Law = tuple[int, bool, str, str | None, bool, bool, bool, str | None]
+
+class BondLaw(NamedTuple):
+    """What the code of a sweep depends on."""
+
+    components: int  # of the field, 2 or 3
+    nonlinear: bool
+    real: str  # "float64" or "float32"
+    rule: str | None = (
+        None  # how the coefficients of both ends combine: "both", "arithmetic", "harmonic", or no coefficients
+    )
+    strengths: bool = False  # whether nodes have strengths of their own
+    contact: bool = False  # whether absent bonds carry compression
+    thermal: bool = False  # whether heat strains the nodes
+    softening: str | None = None  # one of `SOFTENINGS`; None where bonds break at once
+
+
 #: Addresses, places, and the reals a, b and limit, as values in the emitted code.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
@@ -119,35 +104,31 @@ class _Tile:
     The tile begins `first` nodes beyond the addresses in `args`.
     """
 
-    def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
-        components, nonlinear, real, self.rule, self.strong, self.contact, self.warm, self.softening = law
-        self.builder, self.components, self.nonlinear = builder, components, nonlinear
-        at, shape, self.a, self.b, limit = args
-        self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, thermal_strain, *tables = at
-        self.residual_stiffness, final, self.broken, self.table, self.places, self.zone = tables
-        self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
-        self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
-        self.src, self.base, self.out = (
-            self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out)
-        )
-        last = builder.sub(rows, I64(1))
+    def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: BondLaw, first: Any) -> None:
+        at, self.shape, self.a, self.b, limit = args
+        self.builder, self.law = builder, law
+        self.vectors = vectors = Vectors(builder, ir.DoubleType() if law.real == "float64" else ir.FloatType(), LANES)
+        src, base, out = (vectors.shifted(start, (1, first)) for start in (at.src, at.base, at.out))
+        self.at = at = at._replace(src=src, base=base, out=out)
+        last = builder.sub(self.shape.rows, I64(1))
         self.rows = [
-            builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(ROWS[components])
+            builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row))
+            for row in range(ROWS[law.components])
         ]
-        self.limit = self.vectors.splat(limit)
-        self.wanted = self.below(first, n)
-        self.own = [[self.vectors.load(self.place(self.src, row, c)) for c in range(components)] for row in self.rows]
-        self.coefficient = self.vectors.shifted(coefficient, (1, first))
-        self.coefficients = [
-            self.vectors.load(self.place(self.coefficient, row, 0)) for row in self.rows if self.rule is not None
-        ]
-        self.strength = self.vectors.shifted(strength, (1, first))
-        self.strengths = [self.vectors.load(self.place(self.strength, row, 0)) for row in self.rows if self.strong]
-        self.thermal_strain = self.vectors.shifted(thermal_strain, (1, first))
-        self.thermal_strains = [
-            self.vectors.load(self.place(self.thermal_strain, row, 0)) for row in self.rows if self.warm
-        ]
-        self.final = self.vectors.shifted(final, (1, first))
+        self.limit = vectors.splat(limit)
+        self.exists = self.below(first, self.shape.nodes)  # mask of the lanes with nodes
+        self.own = [[vectors.load(self.place(at.src, row, c)) for c in range(law.components)] for row in self.rows]
+        self.coefficient = vectors.shifted(at.coefficient, (1, first))
+        self.coefficients = self.of_rows(self.coefficient, law.rule is not None)
+        self.strength = vectors.shifted(at.strength, (1, first))
+        self.strengths = self.of_rows(self.strength, law.strengths)
+        self.thermal_strain = vectors.shifted(at.thermal_strain, (1, first))
+        self.thermal_strains = self.of_rows(self.thermal_strain, law.thermal)
+        self.final = vectors.shifted(at.final, (1, first))
+
+    def of_rows(self, start: Any, used: bool) -> list[Any]:
+        """Values of each row in an array of nodes that begins at `start`, if they are used."""
+        return [self.vectors.load(self.place(start, row, 0)) for row in self.rows] if used else []
 
     def constant(self, value: float) -> Any:
         return ir.Constant(self.vectors.type, [value] * LANES)
@@ -158,14 +139,14 @@ class _Tile:
         return self.builder.icmp_unsigned("<", values, self.vectors.splat(limit))
 
     def place(self, start: Any, row: Any, component: int) -> Any:
-        return self.vectors.shifted(start, (1, self.builder.mul(row, self.step)), (component, self.apart))
+        return self.vectors.shifted(start, (1, self.builder.mul(row, self.shape.step)), (component, self.shape.apart))
 
     def integer(self, address: Any, number: int) -> Any:
         return self.builder.load(self.vectors.pointer(self.builder.add(address, I64(8 * number)), ir.IntType(64)))
 
     def offset(self, bond: Any, column: int) -> Any:
         """One entry of a bond in the table of integers."""
-        return self.integer(self.builder.add(self.places, self.builder.mul(bond, I64(8 * PLACES))), column)
+        return self.integer(self.builder.add(self.at.places, self.builder.mul(bond, I64(8 * PLACES))), column)
 
     def call(self, name: str, *values: Any) -> Any:
         kind = self.vectors.type
@@ -182,25 +163,26 @@ class _Tile:
 
     def differences(self, bond: Any, row: int) -> list[Any]:
         """``eta`` of one bond."""
-        there = self.ends(self.src, bond, row)
-        return [self.builder.fsub(t, h) for t, h in zip(there, self.own[row], strict=True)]
+        ends = self.ends(self.at.src, bond, row)
+        return [self.builder.fsub(end, own) for end, own in zip(ends, self.own[row], strict=True)]
 
     def ends(self, level: Any, bond: Any, row: int) -> list[Any]:
         """Values of a level at the other end of a bond."""
         distance = self.offset(bond, 0)
-        starts = [self.place(level, self.rows[row], c) for c in range(self.components)]
+        starts = [self.place(level, self.rows[row], c) for c in range(self.law.components)]
         return [self.vectors.load(self.vectors.shifted(start, (1, distance))) for start in starts]
 
     def differences_before(self, bond: Any, row: int) -> list[Any]:
         """``eta`` a step ago."""
-        own = [self.vectors.load(self.place(self.base, self.rows[row], c)) for c in range(self.components)]
-        return [self.builder.fsub(t, h) for t, h in zip(self.ends(self.base, bond, row), own, strict=True)]
+        base, row_at = self.at.base, self.rows[row]
+        before = [self.vectors.load(self.place(base, row_at, c)) for c in range(self.law.components)]
+        return [self.builder.fsub(end, own) for end, own in zip(self.ends(base, bond, row), before, strict=True)]
 
     def stretch(self, xi: list[Any], inverse: Any, eta: list[Any], curved: Any = None) -> tuple[Any, list[Any]]:
         """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, by default all."""
         builder = self.builder
         direction, sums = xi, [builder.fadd(x, x) for x in xi]
-        if self.nonlinear:
+        if self.law.nonlinear:
             y = [builder.fadd(x, d) for x, d in zip(xi, eta, strict=True)]
             both = [builder.fadd(v, x) for v, x in zip(y, xi, strict=True)]
             direction = y if curved is None else [builder.select(curved, v, x) for v, x in zip(y, xi, strict=True)]
@@ -216,7 +198,7 @@ class _Tile:
 
     def mechanical(self, e: Any, bond: Any, row: int, curved: Any = None) -> Any:
         """e less the thermal strains of both ends; `curved`: lanes in which the bond follows the law."""
-        if not self.warm:
+        if not self.law.thermal:
             return e
         both = self.builder.fadd(self.thermal_strains[row], self.beyond(bond, row, self.thermal_strain))
         cold = self.builder.fsub(e, both)
@@ -225,45 +207,45 @@ class _Tile:
     def bits(self, start: Any, bond: Any, row: int) -> tuple[Any, Any]:
         """Pointer to the words with the bits of a bond, among those from `start` on, and these words."""
         builder = self.builder
-        word = builder.mul(builder.lshr(bond, I64(6)), self.words)
-        place = builder.add(start, builder.mul(builder.add(builder.mul(self.rows[row], self.step), word), I64(8)))
+        word = builder.mul(builder.lshr(bond, I64(6)), self.shape.words)
+        place = builder.add(start, builder.mul(builder.add(builder.mul(self.rows[row], self.shape.step), word), I64(8)))
         pointer = self.vectors.pointer(place, _INTEGERS)
         return pointer, builder.load(pointer, align=8)
 
     @property
     def bound(self) -> Any:
         """Value of `measured` above which a bond breaks."""
-        return self.constant(0.0) if self.strong else self.limit
+        return self.constant(0.0) if self.law.strengths else self.limit
 
     def measured(self, e: Any, bond: Any, row: int) -> Any:
         """The quantity that decides whether a bond breaks: e, or its excess over the limit of the weaker end."""
-        return self.builder.fsub(e, self.limit_of(bond, row)) if self.strong else e
+        return self.builder.fsub(e, self.limit_of(bond, row)) if self.law.strengths else e
 
     def limit_of(self, bond: Any, row: int) -> Any:
         """Largest e at which a bond stays as it is."""
-        if not self.strong:
+        if not self.law.strengths:
             return self.limit
         return self.builder.fmul(self.limit, self.least(self.strengths[row], self.beyond(bond, row, self.strength)))
 
-    def least(self, one: Any, other: Any) -> Any:
-        return self.builder.select(self.builder.fcmp_ordered("<", one, other), one, other)
+    def least(self, a: Any, b: Any) -> Any:
+        return self.builder.select(self.builder.fcmp_ordered("<", a, b), a, b)
 
     def elongation(self, e: Any) -> Any:
         """Stretch of bonds that follow the law."""
-        if not self.nonlinear:
+        if not self.law.nonlinear:
             return self.builder.fmul(e, self.constant(0.5))
-        one = self.constant(1.0)
-        root = self.call("sqrt", self.builder.fadd(e, one))
-        return self.builder.fdiv(e, self.builder.fadd(one, root))
+        unity = self.constant(1.0)
+        root = self.call("sqrt", self.builder.fadd(e, unity))
+        return self.builder.fdiv(e, self.builder.fadd(unity, root))
 
     def residual(self, e: Any, bond: Any, row: int) -> Any:
-        """Share of a bond's stiffness that a stretch beyond the limit leaves; zero where both limits are equal."""
+        """Fraction of a bond's stiffness that a stretch beyond the limit leaves; zero where both limits are equal."""
         builder = self.builder
         stretch, onset = self.elongation(e), self.elongation(self.limit_of(bond, row))
         here = self.vectors.load(self.place(self.final, self.rows[row], 0))
         final = self.least(here, self.beyond(bond, row, self.final))
         width = builder.fsub(final, onset)
-        if self.softening == "linear":
+        if self.law.softening == "linear":
             falls = builder.fdiv(builder.fsub(final, stretch), width)
         else:
             beyond = builder.fmul(self.constant(-2.0), builder.fsub(stretch, onset))
@@ -273,16 +255,17 @@ class _Tile:
 
     def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
         """c of one bond from its value without coefficients, see `engine.bonds.bond_factor`."""
-        if self.rule is None:
+        rule = self.law.rule
+        if rule is None:
             return uniform
-        builder, here = self.builder, self.coefficients[row]
-        there = self.beyond(bond, row, self.coefficient)
-        if self.rule == "both":
-            return builder.fmul(uniform, builder.select(builder.fcmp_ordered("<", here, there), here, there))
-        total = builder.fadd(here, there)
-        if self.rule == "arithmetic":
+        builder, near = self.builder, self.coefficients[row]
+        far = self.beyond(bond, row, self.coefficient)
+        if rule == "both":
+            return builder.fmul(uniform, self.least(near, far))
+        total = builder.fadd(near, far)
+        if rule == "arithmetic":
             return builder.fmul(uniform, builder.fmul(total, self.constant(0.5)))
-        product = builder.fmul(builder.fmul(here, there), self.constant(2.0))
+        product = builder.fmul(builder.fmul(near, far), self.constant(2.0))
         mean = builder.select(
             builder.fcmp_ordered(">", total, self.constant(0.0)), builder.fdiv(product, total), self.constant(0.0)
         )
@@ -291,7 +274,7 @@ class _Tile:
     def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
         """Factor of the direction in the force."""
         builder, half = self.builder, self.constant(0.5)
-        if not self.nonlinear:
+        if not self.law.nonlinear:
             return builder.fmul(builder.fmul(stiffness, e), half)
         q = builder.fadd(e, self.constant(1.0))
         h = builder.fdiv(self.constant(1.0), builder.fadd(q, self.call("sqrt", q)))
@@ -304,7 +287,7 @@ class _Tile:
         ``force(bond, row, xi, inverse, stiffness, carried)`` returns the factor of the direction, the direction, and
         what is carried on.
         """
-        builder, vectors, components = self.builder, self.vectors, self.components
+        builder, vectors, components = self.builder, self.vectors, self.law.components
         rows = range(len(self.rows))
         before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("summed")
         builder.branch(body)
@@ -314,7 +297,8 @@ class _Tile:
         phis = [bond, kept, *sums]
         for phi, first in zip(phis, [I64(0), carried, *[self.constant(0.0)] * len(sums)], strict=True):
             phi.add_incoming(first, before)
-        *xi, inverse, stiffness = vectors.splat_all(vectors.shifted(self.table, (components + 2, bond)), components + 2)
+        entries = vectors.shifted(self.at.table, (components + 2, bond))
+        *xi, inverse, stiffness = vectors.splat_all(entries, components + 2)
         grown = []
         for row in rows:
             factor, direction, kept = force(bond, row, xi, inverse, stiffness, kept)
@@ -322,7 +306,7 @@ class _Tile:
         following = builder.add(bond, I64(1))
         for phi, value in zip(phis, [following, kept, *grown], strict=True):
             phi.add_incoming(value, builder.block)
-        builder.cbranch(builder.icmp_signed("<", following, self.count), body, after)
+        builder.cbranch(builder.icmp_signed("<", following, self.shape.bonds), body, after)
         builder.position_at_end(after)
         return grown, kept
 
@@ -332,12 +316,12 @@ class _Tile:
         a_all, b_all = vectors.splat(self.a), vectors.splat(self.b)
         store = vectors.store_first(n)
         for row, own in zip(self.rows, self.own, strict=True):
-            for c in range(self.components):
-                total = vectors.multiply_add(sums.pop(0), b_all, vectors.load(self.place(self.base, row, c)))
-                store(vectors.multiply_add(total, a_all, own[c]), self.place(self.out, row, c))
+            for c in range(self.law.components):
+                total = vectors.multiply_add(sums.pop(0), b_all, vectors.load(self.place(self.at.base, row, c)))
+                store(vectors.multiply_add(total, a_all, own[c]), self.place(self.at.out, row, c))
 
 
-def _intact(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
+def _intact(builder: ir.IRBuilder, args: TileArguments, law: BondLaw) -> Any:
     """Sweep successive tiles that have all their bonds, within the zone; return their number, up to the first tile of
     which a bond is about to break.
     """
@@ -372,7 +356,7 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
         )
 
     sums, top = tile.over_bonds(tile.constant(-1.0), force)
-    breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.bound), tile.wanted))
+    breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.bound), tile.exists))
     with builder.if_then(builder.not_(breaks)):
         tile.update(sums, n)
     return breaks
@@ -381,14 +365,16 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 def _soften(
     tile: _Tile, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
 ) -> tuple[Any, Any]:
-    """Share that is left of the stiffness of bonds some of which are `over` their limits, and mask of those that end.
+    """Residual stiffness of bonds some of which are `over` their limits, and mask of those that end.
 
     `material` is xi, ``1 / |xi|^2`` and c. The energy that they lose, ``c d d' / 2`` with the elongations d now and d'
     a step ago, is added up, half of it at either end, and so is the number of bonds that end.
     """
     builder, vectors, real = tile.builder, tile.vectors, ir.DoubleType()
     xi, inverse, stiffness = material
-    place = tile.place(vectors.shifted(tile.residual_stiffness, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
+    place = tile.place(
+        vectors.shifted(tile.at.residual_stiffness, (1, builder.mul(bond, tile.shape.words))), tile.rows[row], 0
+    )
     before = vectors.load(place)
     entry = builder.block
     with builder.if_then(tile.any(over)):
@@ -399,36 +385,34 @@ def _soften(
         energy = builder.fmul(builder.fmul(builder.fsub(before, now), builder.fdiv(stiffness, inverse)), both)
         energy = builder.select(over, energy, tile.constant(0.0))
         lanes = [builder.extract_element(energy, ir.IntType(32)(lane)) for lane in range(LANES)]
-        lost = vectors.sum([one if one.type == real else builder.fpext(one, real) for one in lanes])
+        lost = vectors.sum([lane if lane.type == real else builder.fpext(lane, real) for lane in lanes])
         ends = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
         number = builder.uitofp(builder.ctpop(builder.bitcast(ends, ir.IntType(LANES))), real)
-        for column, (value, residual) in enumerate(((lost, 0.25), (number, 0.5))):
-            pointer = vectors.pointer(builder.add(tile.broken, I64(8 * column)), real)
-            builder.store(
-                builder.fadd(builder.load(pointer), builder.fmul(value, ir.Constant(real, residual))), pointer
-            )
+        for column, (value, fraction) in enumerate(((lost, 0.25), (number, 0.5))):
+            pointer = vectors.pointer(builder.add(tile.at.broken, I64(8 * column)), real)
+            gain = builder.fmul(value, ir.Constant(real, fraction))
+            builder.store(builder.fadd(builder.load(pointer), gain), pointer)
         softened = builder.block
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    found = []
-    for value, other in ((now, before), (ends, none)):
-        phi = builder.phi(value.type)
-        phi.add_incoming(value, softened)
-        phi.add_incoming(other, entry)
-        found.append(phi)
-    return found[0], found[1]
+    results = []
+    for new, old in ((now, before), (ends, none)):
+        phi = builder.phi(new.type)
+        phi.add_incoming(new, softened)
+        phi.add_incoming(old, entry)
+        results.append(phi)
+    return results[0], results[1]
 
 
-def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
+def _damaged(builder: ir.IRBuilder, args: TileArguments, law: BondLaw) -> Any:
     """Sweep a tile that lacks bonds, or with bonds that leave the zone; return 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    i0, i1, i2 = tile.node
+    i0, i1, i2 = tile.shape.i0, tile.shape.i1, tile.shape.i2
 
     def within(position: Any, axis: int) -> Any:
-        return builder.icmp_unsigned(
-            "<", builder.sub(position, tile.integer(tile.zone, axis)), tile.integer(tile.zone, 3 + axis)
-        )
+        zone = tile.at.zone
+        return builder.icmp_unsigned("<", builder.sub(position, tile.integer(zone, axis)), tile.integer(zone, 3 + axis))
 
     def force(
         bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, changed: Any
@@ -437,31 +421,32 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         outer = builder.and_(
             within(builder.add(i0, o0), 0), within(builder.add(builder.add(i1, tile.rows[row]), o1), 1)
         )
-        lanes = tile.below(builder.sub(builder.add(i2, o2), tile.integer(tile.zone, 2)), tile.integer(tile.zone, 5))
+        start, extent = tile.integer(tile.at.zone, 2), tile.integer(tile.at.zone, 5)
+        lanes = tile.below(builder.sub(builder.add(i2, o2), start), extent)
         curved = builder.select(outer, lanes, none)
-        pointer, bits = tile.bits(tile.alive, bond, row)
-        one = vectors.splat(builder.shl(I64(1), builder.and_(bond, I64(63))))
+        pointer, bits = tile.bits(tile.at.alive, bond, row)
+        bit = vectors.splat(builder.shl(I64(1), builder.and_(bond, I64(63))))
         unset = ir.Constant(_INTEGERS, [0] * LANES)
-        alive = builder.icmp_unsigned("!=", builder.and_(bits, one), unset)
+        alive = builder.icmp_unsigned("!=", builder.and_(bits, bit), unset)
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
         e = tile.mechanical(e, bond, row, curved)
         over = builder.and_(
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
-            builder.and_(alive, tile.wanted),
+            builder.and_(alive, tile.exists),
         )
         stiffness = tile.stiffness(stiffness, bond, row)
-        whole = pull = tile.pull(e, stiffness, curved)
-        if tile.softening:
+        full = pull = tile.pull(e, stiffness, curved)
+        if law.softening:
             left, over = _soften(tile, bond, row, (xi, inverse, stiffness), e, curved, over)
             pull = builder.fmul(pull, left)
         factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
-        if tile.contact:
-            lasts = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.closing, bond, row)[1], one), unset)
+        if law.contact:
+            closes = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.at.closing, bond, row)[1], bit), unset)
             shorter = builder.and_(builder.fcmp_ordered("<", e, tile.constant(0.0)), curved)
-            factor = builder.select(builder.and_(lasts, shorter), whole, factor)
+            factor = builder.select(builder.and_(closes, shorter), full, factor)
         breaks = tile.any(over)
         with builder.if_then(breaks):
-            builder.store(builder.select(over, builder.and_(bits, builder.not_(one)), bits), pointer, align=8)
+            builder.store(builder.select(over, builder.and_(bits, builder.not_(bit)), bits), pointer, align=8)
         return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
 
     sums, changed = tile.over_bonds(I64(0), force)
@@ -469,46 +454,13 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     return changed
 
 
-def bond_sweep(
-    components: int,
-    nonlinear: bool,
-    real: str,
-    rule: str | None,
-    strong: bool,
-    contact: bool,
-    warm: bool,
-    softening: str | None,
-    damaged: bool,
-) -> Any:
-    """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
+def bond_sweep(law: BondLaw, damaged: bool) -> Any:
+    """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles, given `TileAddresses`, a
+    `TileShape`, a, b and the limit. A bond within the zone follows the law and may break, others are linearised.
 
-    On a damaged tile it returns whether a bond breaks; on intact ones, of which there may be many in a row, the number
-    that it has swept: up to the first of which a bond is about to break, where nothing is written.
-
-    Parameters
-    ----------
-    components : int
-        Of the field, 2 or 3.
-    nonlinear : bool
-    real : {"float64", "float32"}
-    rule : {"both", "arithmetic", "harmonic"} or None
-        How the coefficients of a bond's ends combine; None where there are none.
-    strong : bool
-        Whether nodes have strengths of their own.
-    contact : bool
-        Whether absent bonds carry compression.
-    warm : bool
-        Whether heat strains the nodes.
-    softening : str or None
-        One of `SOFTENINGS`, None where bonds break at once.
-    damaged : bool
-        Whether to check the bits of the bonds and the ends of the zone, and to clear the bits of what breaks.
-
-    Returns
-    -------
-    numba intrinsic
-        Takes `TileAddresses`, a `TileShape`, a, b and the limit. A bond within the zone follows the law and may break,
-        others are linearised.
+    On a `damaged` tile it checks the bits of the bonds and the ends of the zone, clears the bits of bonds that break,
+    and returns whether one does. On intact ones, of which there may be many in a row, it returns the number that it has
+    swept: up to the first of which a bond is about to break, where nothing is written.
     """
 
     @intrinsic
@@ -516,11 +468,9 @@ def bond_sweep(
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             at, shape, *reals = args
             given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
-            return (_damaged if damaged else _intact)(
-                builder, given, (components, nonlinear, real, rule, strong, contact, warm, softening)
-            )
+            return (_damaged if damaged else _intact)(builder, given, law)
 
-        return bond_signature(real), codegen
+        return bond_signature(law.real), codegen
 
     return sweep
 
@@ -532,16 +482,8 @@ def steepness(components: int, real: str) -> Any:
     For a field that is linear between the nodes its root bounds the stretch of every bond between the nodes examined:
     that of ``xi`` is ``n . (D n)`` over the spacing for a matrix D whose entries are no larger than those differences.
 
-    Parameters
-    ----------
-    components : int
-    real : {"float64", "float32"}
-
-    Returns
-    -------
-    numba intrinsic
-        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, and the distances of
-        planes, rows and components, in elements. Examines whole vectors, and one neighbour beyond.
+    The intrinsic takes the byte address of the first node, the numbers of planes, rows and nodes of a row, and the
+    distances of planes, rows and components, in elements. It examines whole vectors, and one neighbour beyond.
     """
 
     @intrinsic
@@ -561,9 +503,9 @@ def steepness(components: int, real: str) -> Any:
                     for number, top in enumerate(tops):
                         here = vectors.shifted(line, (1, x), (number // len(steps), apart))
                         ahead = vectors.load(vectors.shifted(here, (1, steps[number % len(steps)])))
-                        found = builder.call(magnitude, [builder.fsub(ahead, vectors.load(here))])
+                        size = builder.call(magnitude, [builder.fsub(ahead, vectors.load(here))])
                         before = builder.load(top)
-                        builder.store(builder.select(builder.fcmp_ordered(">", found, before), found, before), top)
+                        builder.store(builder.select(builder.fcmp_ordered(">", size, before), size, before), top)
             total = ir.Constant(ir.DoubleType(), 0.0)
             for top in tops:
                 values = [builder.extract_element(builder.load(top), ir.IntType(32)(lane)) for lane in range(LANES)]
@@ -576,14 +518,12 @@ def steepness(components: int, real: str) -> Any:
                 total = builder.fadd(total, builder.fmul(largest, largest))
             return total
 
-        return steepness_signature(), codegen
+        return STEEPNESS_SIGNATURE, codegen
 
     return measure
 
 
-def steepness_signature() -> Any:
-    """Numba signature of `steepness`."""
-    return types.float64(*[types.int64] * 7)
+STEEPNESS_SIGNATURE = types.float64(*[types.int64] * 7)
 
 
 @intrinsic

@@ -1,236 +1,187 @@
-"""Writes compiled programs (the time loop, and the rows of each stencil) to disk and imports them, so that Numba's
-cache finds them again.
+"""Modules of compiled functions, written to disk and imported from there, so that Numba's cache finds them again: the
+time loop, and functions for one row or tile of nodes, for each choice of their settings.
 """
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
-import platform
-import re
 import sys
 import threading
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from farhorizon.engine.rows.notice import importing
+from farhorizon.engine.rows.sources import hash_of
 from farhorizon.files.cache import cache_folder, write
 from farhorizon.machine import without_collection
 
 _ENGINE = Path(__file__).parents[1]
-#: Modules that the templates import.
-_COMPILED_IN = (
-    "bonds",
-    "damage",
-    "dampers",
-    "release",
-    "drag",
-    "ends",
-    "exchange",
-    "filter",
-    "outline_stencil",
-    "thermal_strain",
-    "layout",
-    "nested",
-    "operations",
-    "point_law",
-    "phases",
-    "shape_tensors",
-    "stretches",
-    "tables",
-    "threads",
-    "rows/calls",
-    "rows/compiled",
-    "rows/vectors",
-    "rows/shifts",
-    "rows/bond_sweeps",
-    "rows/exchanges",
-    "rows/linear_maps",
-    "rows/structs",
-    "rows/layer_sums",
-    "rows/matrices",
-)
 _LOADING = threading.RLock()  # simulations may be set up in parallel
+
+
+class Row(NamedTuple):
+    """A function for one row or tile of nodes: its name and arguments, its signature, and what makes the intrinsic that
+    it calls; the latter two are expressions with the settings of `load_rows`, in modules of this folder.
+    """
+
+    head: str
+    signature: str
+    intrinsic: str
+
+
+#: The functions of each kind of row.
+ROWS = {
+    "stencil_rows": [
+        Row(
+            "rows(levels, weights, a, b, extent, strides, apart, shifts)",
+            "stencil_sweeps.sweep_signature(real)",
+            "stencil_sweeps.stencil_sweep(shape, classes, real, increments)",
+        )
+    ],
+    "matrix_rows": [
+        Row(
+            "rows(levels, weights, a, b, extent, strides, apart, shifts)",
+            "stencil_sweeps.sweep_signature(real)",
+            "matrices.matrix_sweep(stencil, real, form, lines)",
+        )
+    ],
+    "bond_rows": [
+        Row(
+            "intact(at, shape, a, b, limit)",
+            "bond_sweeps.bond_signature(law.real)",
+            "bond_sweeps.bond_sweep(law, damaged=False)",
+        ),
+        Row(
+            "damaged(at, shape, a, b, limit)",
+            "bond_sweeps.bond_signature(law.real)",
+            "bond_sweeps.bond_sweep(law, damaged=True)",
+        ),
+        Row(
+            "steep(src, planes, rows, n, step0, step1, apart)",
+            "bond_sweeps.STEEPNESS_SIGNATURE",
+            "bond_sweeps.steepness(law.components, law.real)",
+        ),
+    ],
+    "shift_rows": [
+        Row(
+            "outwards(parts, results, memory, edges, columns, vectors)",
+            "shifts.SHIFTS_SIGNATURE",
+            "shifts.stretched_shifts(reach, nested, True, real, kept)",
+        ),
+        Row(
+            "inwards(parts, results, memory, edges, columns, vectors)",
+            "shifts.SHIFTS_SIGNATURE",
+            "shifts.stretched_shifts(reach, nested, False, real, kept)",
+        ),
+        Row(
+            "parts(to, source, tables, vectors, least, more)",
+            "shifts.PARTS_SIGNATURE",
+            "shifts.weighted_parts(reach if nested else 1, varied, real)",
+        ),
+    ],
+    "part_rows": [
+        Row(
+            "parts(to, source, strides, weights, vectors)",
+            "layer_sums.MIRRORED_SIGNATURE",
+            "layer_sums.mirrored_parts(stencil, axis, both, apart, differ, real)",
+        )
+    ],
+    "crossing_rows": [
+        Row(
+            "parts(to, source, strides, weights, vectors)",
+            "layer_sums.CROSSING_SIGNATURE",
+            "layer_sums.crossing_parts(stencil, both, reach, apart, differ, real)",
+        )
+    ],
+    "band_rows": [
+        Row(
+            "bands(to, source, strides, weights, extent)",
+            "layer_sums.BAND_SIGNATURE",
+            "layer_sums.band_sums(stencil, differ, real)",
+        )
+    ],
+    "map_rows": [
+        Row(
+            "product(src, read, out, written, matrix, step, nodes, factor)",
+            "matrices.MAP_SIGNATURE",
+            "matrices.linear_map(entries, columns, each, added, real)",
+        )
+    ],
+    "exchange_rows": [
+        Row("send(table, array, components, apart)", "exchanges.EXCHANGE_SIGNATURE", "exchanges.send_values"),
+        Row("receive(table, array, components, apart)", "exchanges.EXCHANGE_SIGNATURE", "exchanges.receive_values"),
+        Row("move(table, array, components, apart)", "exchanges.EXCHANGE_SIGNATURE", "exchanges.move_messages"),
+    ],
+}
+
+_FUNCTION = """
+_{name} = {intrinsic}
+
+
+@cfunc({signature})
+def {head}:
+    return _{head}
+"""
 
 
 def load_program() -> ModuleType:
     """Module with the operations of the time loop."""
-    return _load("program")
+    return _load("program", (_ENGINE / "program.py").read_text())
+
+
+def load_sweep_program() -> ModuleType:
+    """Module with its operations that go over the box part by part."""
+    return _load("sweep_program", (_ENGINE / "sweep_program.py").read_text())
 
 
 def load_layer_program() -> ModuleType:
     """Module with its operations on layers."""
-    return _load("layer_program")
+    return _load("layer_program", (_ENGINE / "layer_program.py").read_text())
 
 
-def load_rows(
-    shape: tuple[tuple[int, int, int], ...],
-    classes: tuple[int, ...],
-    real: str,
-    increments: bool,
-    pattern: tuple[tuple[bool, ...], ...] = (),
-    inside: tuple[tuple[int, int, int], ...] = (),
-    outside: tuple[tuple[int, int, int], ...] = (),
-    form: str = "step",
-) -> int:
-    """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`, and `matrices.matrix_line_sweep` for a
-    pattern).
-    """
-    lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
-    return int(
-        _load(
-            "rows/stencil_rows",
-            SHAPE=shape,
-            CLASSES=classes,
-            REAL=real,
-            INCREMENTS=increments,
-            LINES=lines,
-            PATTERN=pattern,
-            INSIDE=inside,
-            OUTSIDE=outside,
-            FORM=form,
-        ).rows.address
-    )
+def load_rows(kind: str, **settings: Any) -> tuple[int, ...]:
+    """Addresses of the functions of one kind of row, in the order of `ROWS`, compiled for some settings."""
+    module = _load(kind, _written_out(kind, **settings))
+    return tuple(int(getattr(module, _name(row)).address) for row in ROWS[kind])
 
 
-def load_shifts(reach: int, nested: bool, varied: bool, real: str, kept: str) -> tuple[int, int, int]:
-    """Addresses of stretched shifts outwards and inwards, and of the sums that they take (see `shifts.stretched_shifts`
-    and `vectors.weighted_parts`).
-    """
-    made = _load("rows/shift_rows", REACH=reach, NESTED=nested, VARIED=varied, REAL=real, KEPT=kept)
-    return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
+def _name(row: Row) -> str:
+    return row.head.partition("(")[0]
 
 
-def load_parts(
-    shape: tuple[tuple[int, int, int], ...],
-    pattern: tuple[tuple[bool, ...], ...],
-    inside: tuple[tuple[int, int, int], ...],
-    outside: tuple[tuple[int, int, int], ...],
-    axis: int,
-    both: bool,
-    apart: bool,
-    differ: bool,
-    real: str,
-) -> int:
-    """Address of the sums across lines of a mirror-symmetric stencil (see `layer_sums.mirrored_parts`)."""
-    made = _load(
-        "rows/part_rows",
-        SHAPE=shape,
-        PATTERN=pattern,
-        INSIDE=inside,
-        OUTSIDE=outside,
-        AXIS=axis,
-        BOTH=both,
-        APART=apart,
-        DIFFER=differ,
-        REAL=real,
-    )
-    return int(made.tile_parts.address)
+@cache
+def _written_out(kind: str, **settings: Any) -> str:
+    """Text of a module with the functions of one kind of row."""
+    modules = sorted({text.partition(".")[0] for row in ROWS[kind] for text in (row.signature, row.intrinsic)})
+    types = {type(value) for value in settings.values() if hasattr(value, "_fields")}
+    lines = [
+        "from farhorizon.engine.rows.compiled import cfunc",
+        *(f"from farhorizon.engine.rows import {module}" for module in modules),
+        *(f"from {of.__module__} import {of.__name__}" for of in types),
+        *(f"{name} = {value!r}" for name, value in settings.items()),
+        *(_FUNCTION.format(name=_name(row), **row._asdict()) for row in ROWS[kind]),
+    ]
+    return "\n".join(lines)
 
 
-def load_crossing(
-    shape: tuple[tuple[int, int, int], ...],
-    pattern: tuple[tuple[bool, ...], ...],
-    inside: tuple[tuple[int, int, int], ...],
-    outside: tuple[tuple[int, int, int], ...],
-    both: tuple[bool, bool],
-    reach: int,
-    apart: bool,
-    differ: bool,
-    real: str,
-) -> int:
-    """Address of the sums where faces meet (see `layer_sums.crossing_parts`)."""
-    made = _load(
-        "rows/crossing_rows",
-        SHAPE=shape,
-        PATTERN=pattern,
-        INSIDE=inside,
-        OUTSIDE=outside,
-        BOTH=both,
-        REACH=reach,
-        APART=apart,
-        DIFFER=differ,
-        REAL=real,
-    )
-    return int(made.crossings.address)
+@cache
+def _module_name(kind: str, text: str) -> str:
+    """Name of a module, which differs if its code does; what it imports decides about the files with machine code."""
+    return f"{kind}_{hash_of(text)[:20]}"
 
 
-def load_bands(
-    shape: tuple[tuple[int, int, int], ...],
-    pattern: tuple[tuple[bool, ...], ...],
-    inside: tuple[tuple[int, int, int], ...],
-    outside: tuple[tuple[int, int, int], ...],
-    differ: bool,
-    real: str,
-) -> int:
-    """Address of the sums over slots in bands (see `layer_sums.band_sums`)."""
-    stencil = {"SHAPE": shape, "PATTERN": pattern, "INSIDE": inside, "OUTSIDE": outside}
-    return int(_load("rows/band_rows", **stencil, DIFFER=differ, REAL=real).bands.address)
-
-
-def load_exchange() -> tuple[int, int, int]:
-    """Addresses of the functions that begin messages with other processes, end them, and let them progress (see
-    `exchanges.send_values`, `receive_values` and `move_messages`).
-    """
-    made = _load("rows/exchange_rows")
-    return int(made.send.address), int(made.receive.address), int(made.move.address)
-
-
-def load_map(entries: tuple[tuple[int, ...], ...], columns: int, each: bool, added: bool, real: str) -> int:
-    """Address of the product of the values of nodes with a matrix (see `linear_maps.linear_map`)."""
-    made = _load("rows/map_rows", ENTRIES=entries, COLUMNS=columns, EACH=each, ADDED=added, REAL=real)
-    return int(made.product.address)
-
-
-def load_bonds(
-    components: int,
-    nonlinear: bool,
-    real: str,
-    rule: str | None,
-    strong: bool = False,
-    contact: bool = False,
-    warm: bool = False,
-    softening: str | None = None,
-) -> tuple[int, int, int]:
-    """Addresses of the sweeps of an intact and of a damaged tile for a law of bonds, and of the bound of their stretch
-    (see `bond_sweeps`).
-    """
-    law = {"COMPONENTS": components, "NONLINEAR": nonlinear, "REAL": real, "RULE": rule}
-    made = _load("rows/bond_rows", **law, STRONG=strong, CONTACT=contact, WARM=warm, SOFTENING=softening)
-    return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
-
-
-def _load(place: str, **settings: Any) -> ModuleType:
-    """Module of compiled functions: a template in the engine's folder with its upper-case names set to `settings`."""
-    name, text = _written_out(place, **settings)
+def _load(kind: str, text: str) -> ModuleType:
+    name = _module_name(kind, text)
     with _LOADING:
         return sys.modules[name] if name in sys.modules else _load_file(name, text)
 
 
-@cache
-def _written_out(place: str, **settings: Any) -> tuple[str, str]:
-    """Name and text of a module.
-
-    The name holds a hash of the templates, the generator and the settings, because Numba's own cache does not notice a
-    change of the generator.
-    """
-    template = (_ENGINE / f"{place}.py").read_text()
-    for key, value in settings.items():
-        template, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value!r}", template)
-        assert count == 1, f"the template has no setting {key}"
-    import numba
-
-    parts = [(_ENGINE / f"{part}.py").read_text() for part in _COMPILED_IN]
-    mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
-    return f"{place.rpartition('/')[2]}_" + hashlib.sha256(mark.encode()).hexdigest()[:20], template
-
-
-def _load_file(name: str, template: str) -> ModuleType:
+def _load_file(name: str, text: str) -> ModuleType:
     path = cache_folder() / f"{name}.py"
-    if not path.is_file() or path.read_bytes() != template.encode():  # missing or damaged
-        write(path, template.encode())
+    if not path.is_file() or path.read_bytes() != text.encode():  # missing or damaged
+        write(path, text.encode())
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -38,7 +38,7 @@ def call_with(typingctx, function, stage, sums, numbers):
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         given = [*args[1:3], *cgutils.unpack_tuple(builder, args[3])]
-        kind = ir.FunctionType(ir.VoidType(), [one.type for one in given])
+        kind = ir.FunctionType(ir.VoidType(), [value.type for value in given])
         builder.call(builder.inttoptr(args[0], kind.as_pointer()), given)
         return context.get_dummy_value()
 

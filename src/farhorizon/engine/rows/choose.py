@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.matrices import Signs, parity
+from farhorizon.engine.rows.matrices import MirrorStencil, Signs, parity
+from farhorizon.engine.rows.stencil_sweeps import fits_lines
 
 UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _ROUNDING = 1e-14  # relative to the largest weight: mirror images that differ by less are equal
@@ -14,44 +15,33 @@ Offset = tuple[int, int, int]
 
 
 def compiled_rows(
-    offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool, signs: Signs, own: np.ndarray
+    offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool, signs: Signs, reaction: np.ndarray
 ) -> tuple[int, np.ndarray]:
-    """Compiled rows of a stencil, and the weights that they take.
+    """Address of the compiled rows of a stencil, 0 where there are none, and the weights that they take, shape (n,).
 
-    Parameters
-    ----------
-    offsets, weights : ndarray, shapes (K, 3) and (K,) or (K, d, d)
-    real : {"float64", "float32"}
-    increments : bool
-    signs : Signs
-        Of the components, for a field of several.
-    own : ndarray, shape (d, d), or empty
-        Matrix of a reaction, which is subtracted from the weight of a node's own value.
-
-    Returns
-    -------
-    function : int
-        Address of the rows, 0 where there are none.
-    weights : ndarray, shape (n,)
+    The stencil has offsets of shape (K, 3) and weights of shape (K,) or, for components with these `signs`, (K, d, d);
+    `reaction` is a matrix, or empty, which is subtracted from the weight of a node's own value.
     """
     if not weights.any():
         return 0, np.zeros(1)
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
     if weights.ndim > 1:  # the centre balances the others
-        centre = -np.sum(weights, axis=0) - (own if own.size else 0)
+        centre = -np.sum(weights, axis=0) - (reaction if reaction.size else 0)
         return _matrix_rows(table | {(0, 0, 0): centre}, signs, signs, "step", real, increments)
     shape, row = _scalar_row(table)
     if not shape:
         return 0, np.zeros(1)
-    numbers, row = _weight_classes(row)
-    return load_rows(shape, numbers, real, increments) if len(shape) <= UNROLLED_LIMIT else 0, row
+    classes, row = _weight_classes(row)
+    if len(shape) > UNROLLED_LIMIT:
+        return 0, row
+    return load_rows("stencil_rows", shape=shape, classes=classes, real=real, increments=increments)[0], row
 
 
 def compiled_sums(
     offsets: np.ndarray, weights: np.ndarray, inside: Signs, outside: Signs, form: str, real: str
 ) -> tuple[int, np.ndarray]:
     """The same for sums from one field to another, with weights of shape (K, rows, columns) and these signs of the
-    components; see `matrices.matrix_line_sweep`.
+    components; see `matrices.matrix_sweep`.
     """
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
     return _matrix_rows(table, inside, outside, form, real, False)
@@ -68,14 +58,19 @@ def equal_blocks(weights: np.ndarray, count: int) -> bool:
 def _matrix_rows(
     table: dict[Offset, np.ndarray], inside: Signs, outside: Signs, form: str, real: str, increments: bool
 ) -> tuple[int, np.ndarray]:
-    shape, found = mirrored(table, inside, outside)
+    shape, matrices = mirrored(table, inside, outside)
     if not shape:
         return 0, np.zeros(1)
-    used = found.reshape(len(shape), -1) != 0
-    pattern = tuple(tuple(r) for r in used.tolist())
-    if used.sum() > UNROLLED_LIMIT:
-        return 0, found.ravel()
-    return load_rows(shape, (), real, increments, pattern, inside, outside, form), found.ravel()
+    if np.count_nonzero(matrices) > UNROLLED_LIMIT:
+        return 0, matrices.ravel()
+    stencil, lines = mirror_stencil(shape, matrices, inside, outside), fits_lines(shape, real) and not increments
+    return load_rows("matrix_rows", stencil=stencil, real=real, form=form, lines=lines)[0], matrices.ravel()
+
+
+def mirror_stencil(offsets: tuple[Offset, ...], matrices: np.ndarray, inside: Signs, outside: Signs) -> MirrorStencil:
+    """The stencil of some of the offsets and matrices of `mirrored`."""
+    pattern = tuple(tuple(row) for row in (matrices.reshape(len(offsets), -1) != 0).tolist())
+    return MirrorStencil(offsets, pattern, inside, outside)
 
 
 def _scalar_row(table: dict[Offset, float]) -> tuple[tuple[Offset, ...], np.ndarray]:
@@ -101,8 +96,8 @@ def mirrored(table: dict[Offset, np.ndarray], inside: Signs, outside: Signs) -> 
         )
 
     shape = tuple(sorted(o for o in table if min(o) >= 0)) if all(even(axis) for axis in range(3)) else ()
-    found = np.array([table[o] for o in shape]).reshape(-1, len(outside), len(inside))
-    return shape, np.where(np.abs(found) > _ROUNDING * largest, found, 0.0)
+    matrices = np.array([table[o] for o in shape]).reshape(-1, len(outside), len(inside))
+    return shape, np.where(np.abs(matrices) > _ROUNDING * largest, matrices, 0.0)
 
 
 def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:

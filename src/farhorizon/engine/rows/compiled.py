@@ -4,18 +4,21 @@ runs whatever it finds.
 
 from __future__ import annotations
 
+import inspect
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import sigutils
+from numba.core import sigutils, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher
 
+from farhorizon.engine.rows.sources import digest
 from farhorizon.files.cache import sealed, unsealed
 from farhorizon.files.storage import awaited
 from farhorizon.machine import without_collection
@@ -30,7 +33,7 @@ class _SealedFiles(IndexDataCacheFile):
         return sealed(super()._dump(obj))  # pickle ignores what follows its end
 
     def _load_index(self) -> Any:
-        if not _whole(self._index_path, pickle.dumps(self._version, protocol=-1)):
+        if not _undamaged(self._index_path, pickle.dumps(self._version, protocol=-1)):
             return {}
         try:
             return super()._load_index()
@@ -38,10 +41,10 @@ class _SealedFiles(IndexDataCacheFile):
             return {}
 
     def _load_data(self, name: str) -> Any:
-        return super()._load_data(name) if _whole(self._data_path(name)) else None
+        return super()._load_data(name) if _undamaged(self._data_path(name)) else None
 
 
-def _whole(path: str, head: bytes = b"") -> bool:
+def _undamaged(path: str, head: bytes = b"") -> bool:
     """Whether a file begins with `head`, followed by data with their checksum."""
     try:
         data = Path(path).read_bytes()
@@ -51,11 +54,23 @@ def _whole(path: str, head: bytes = b"") -> bool:
 
 
 class _SealedCache(FunctionCache):
+    """Sealed files of one function, named after all code that it depends on; versions of it lie side by side."""
+
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._cache_file = _SealedFiles(
-            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
-        )
+        del self._cache_file  # it is made, and the sources are read, for those functions alone that are called
+
+    @cached_property
+    def _cache_file(self) -> _SealedFiles:
+        function = self._py_func
+        stamp = digest(Path(inspect.getfile(function)), function.__qualname__.partition(".")[0])
+        start, _, end = self._impl.filename_base.rpartition(f"-{function.__code__.co_firstlineno}.")
+        return _SealedFiles(self._cache_path, f"{start}-{stamp[:20]}.{end}", stamp)
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        """Numba's key, and the order of the fields in named tuples among the arguments: their types do not tell it."""
+        fields = [_fields(kind) for kind in getattr(sig, "args", sig)]
+        return (*super()._index_key(sig, codegen), repr(fields))
 
     def has(self, made: Any) -> bool:
         """Whether there is machine code of a function for its signature."""
@@ -66,6 +81,14 @@ class _SealedCache(FunctionCache):
     def lock(self) -> Path:
         """File that is locked while the function is compiled."""
         return Path(f"{self._cache_file._index_path}.lock")
+
+
+def _fields(kind: Any) -> tuple[Any, ...]:
+    """Names of the fields of a named tuple, and those of the named tuples in a tuple; nothing for other types."""
+    if not isinstance(kind, types.BaseTuple):
+        return ()
+    of_parts: Iterable[Any] = kind  # type: ignore[assignment]  # all its subclasses can be iterated over
+    return getattr(kind, "fields", ()), tuple(map(_fields, of_parts))
 
 
 def njit(

@@ -72,7 +72,7 @@ def _move(typingctx, to, source, count):
     """Copy bytes."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        to, source = (builder.inttoptr(one, _POINTER) for one in args[:2])
+        to, source = (builder.inttoptr(address, _POINTER) for address in args[:2])
         cgutils.raw_memcpy(builder, to, source, args[2], 1)
         return context.get_dummy_value()
 
@@ -83,19 +83,19 @@ def _begin(wide: bool) -> Callable[..., Any]:
     """Intrinsic for MPI_Isend or MPI_Irecv by its address, with handles that are pointers or numbers of four bytes."""
 
     @intrinsic
-    def call(typingctx, function, buffer, count, kind, other, tag, communicator, request):
+    def call(typingctx, function, buffer, count, kind, partner, tag, communicator, request):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            function, buffer, count, kind, other, tag, communicator, request = args
+            function, buffer, count, kind, partner, tag, communicator, request = args
             handle = _POINTER if wide else _I32
             form = ir.FunctionType(_I32, [_POINTER, _I32, handle, _I32, _I32, handle, _POINTER])
-            count, other, tag = (builder.trunc(one, _I32) for one in (count, other, tag))
-            buffer, request = (builder.inttoptr(one, _POINTER) for one in (buffer, request))
+            count, partner, tag = (builder.trunc(number, _I32) for number in (count, partner, tag))
+            buffer, request = (builder.inttoptr(address, _POINTER) for address in (buffer, request))
             kind, communicator = (
-                builder.inttoptr(one, _POINTER) if wide else builder.trunc(one, _I32) for one in (kind, communicator)
+                builder.inttoptr(handle, _POINTER) if wide else builder.trunc(handle, _I32)
+                for handle in (kind, communicator)
             )
-            builder.call(
-                builder.inttoptr(function, form.as_pointer()), [buffer, count, kind, other, tag, communicator, request]
-            )
+            message = buffer, count, kind, partner, tag, communicator, request
+            builder.call(builder.inttoptr(function, form.as_pointer()), message)
             return context.get_dummy_value()
 
         return types.void(*[types.int64] * 8), codegen
@@ -113,7 +113,7 @@ def _wait(typingctx, function, count, requests, statuses):
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         function, count, *places = args
         form = ir.FunctionType(_I32, [_I32, _POINTER, _POINTER])
-        given = [builder.trunc(count, _I32), *(builder.inttoptr(one, _POINTER) for one in places)]
+        given = [builder.trunc(count, _I32), *(builder.inttoptr(place, _POINTER) for place in places)]
         builder.call(builder.inttoptr(function, form.as_pointer()), given)
         return context.get_dummy_value()
 
@@ -128,7 +128,7 @@ def _test(typingctx, function, count, requests, statuses):
         function, count, requests, statuses = args
         form = ir.FunctionType(_I32, [_I32, _POINTER, _I32.as_pointer(), _POINTER])
         flag = cgutils.alloca_once(builder, _I32)
-        requests, statuses = (builder.inttoptr(one, _POINTER) for one in (requests, statuses))
+        requests, statuses = (builder.inttoptr(place, _POINTER) for place in (requests, statuses))
         builder.call(
             builder.inttoptr(function, form.as_pointer()), [builder.trunc(count, _I32), requests, flag, statuses]
         )
@@ -138,30 +138,24 @@ def _test(typingctx, function, count, requests, statuses):
 
 
 @njit(error_model="numpy", counted=False, entry=False)
-def begin_message(table, function, row, buffer, components, other, count):
+def begin_message(table, function, row, buffer, components, partner, count):
     """Begin to send or receive the message of a row, as request `count`; return the number of the next one."""
     wide = _number(table, WIDE)
     request = _number(table, REQUESTS) + count * (8 if wide != 0 else 4)
     length, tag = components * _number(table, row + BYTES), _number(table, row + TAG)
     kind, communicator = _number(table, TYPE), _number(table, COMMUNICATOR)
     if wide != 0:
-        _begin_by_pointer(function, buffer, length, kind, other, tag, communicator, request)
+        _begin_by_pointer(function, buffer, length, kind, partner, tag, communicator, request)
     else:
-        _begin_by_number(function, buffer, length, kind, other, tag, communicator, request)
+        _begin_by_number(function, buffer, length, kind, partner, tag, communicator, request)
     return count + 1
 
 
 @njit(error_model="numpy", counted=False, entry=False)
 def send_values(table, array, components, apart):
     """Begin the messages of a table: values are packed and sent, and receptions are posted. The messages of a table do
-    not wait for each other.
-
-    Parameters
-    ----------
-    table, array : int
-        Addresses of a table and of the first value of the field's first component.
-    components, apart : int
-        Of the field, and the bytes from one to the next.
+    not wait for each other. `table` and `array` are addresses, the latter of the first value of the field's first
+    component; its `components` lie `apart` bytes apart.
     """
     own, messages, count = _number(table, OWN), _number(table, MESSAGES), 0
     for number in range(messages):

@@ -16,7 +16,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from farhorizon.engine.rows.calls import call_of
-from farhorizon.engine.rows.matrices import Octant, Pattern, Signs, mirror_sums, parity
+from farhorizon.engine.rows.matrices import MirrorStencil, mirror_sums, parity, weight_of
 from farhorizon.engine.rows.vectors import I64, Vectors, flat, int64s
 
 Sums = dict[tuple[int, ...], Any]  # by parity along the first two axes
@@ -30,49 +30,21 @@ MIRRORED_SIGNATURE, CROSSING_SIGNATURE = types.void(*_MIRRORED), types.void(*_CR
 BAND_SIGNATURE = types.void(*_BAND)
 
 
-def mirrored_parts(
-    offsets: Octant,
-    pattern: Pattern,
-    inside: Signs,
-    outside: Signs,
-    axis: int,
-    both: bool,
-    apart: bool,
-    differ: bool,
-    real: str,
-) -> Any:
+def mirrored_parts(stencil: MirrorStencil, axis: int, both: bool, apart: bool, differ: bool, real: str) -> Any:
     """Make the intrinsic ``parts(to, source, strides, weights, vectors)``.
 
     For nodes that are neighbours along the last axis it sums, across lines, the parts of the stencil along another
-    axis: for each component and each distance k along that axis the part that reaches k nodes forward, and the one that
-    reaches k nodes back.
+    `axis`, 0 or 1: for each component and each distance k along that axis the part that reaches k nodes forward, and,
+    if `both` differ, the one that reaches k nodes back. If `apart`, neighbours along the last axis are read from lines
+    of their own, as the slots are, and the sums are added to what is there; if those ahead and behind do not `differ`,
+    their sums are read.
 
-    Parameters
-    ----------
-    offsets : tuple of (int, int, int)
-        Offsets >= 0 that stand for their mirror images.
-    pattern : tuple of tuple of bool
-        Which of their weights differ from zero, one for a scalar field.
-    inside, outside : tuple of (int, int, int)
-        Signs of the components that are read, and of those that are written.
-    axis : int
-        The first or the second.
-    both : bool
-        Whether the parts forward and back differ.
-    apart, differ : bool
-        Whether neighbours along the last axis are read from lines of their own (as the slots are), and whether those
-        ahead and behind differ; if they do not, their sums are read.
-    real : {"float64", "float32"}
-
-    Returns
-    -------
-    numba intrinsic
-        Takes tuples. `to`: byte addresses of the first sum (k = 1, first component) forward and back, and the distances
-        to the sums of the next k and of the next component. `source`: the address of the first node and 0, or those of
-        the nearest lines ahead and behind. `strides`: distances in bytes of neighbours along the first two axes, of
-        components, and of lines one node farther ahead. Then the weights, and the number of vectors. If the lines are
-        apart, the sums are added to what is there.
+    The intrinsic takes tuples. `to`: byte addresses of the first sum (k = 1, first component) forward and back, and the
+    distances to the sums of the next k and of the next component. `source`: the address of the first node and 0, or
+    those of the nearest lines ahead and behind. `strides`: distances in bytes of neighbours along the first two axes,
+    of components, and of lines one node farther ahead. Then the weights, and the number of vectors.
     """
+    offsets, inside, outside = stencil.offsets, stencil.inside, stencil.outside
     columns, rows = len(inside), len(outside)
     lines: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
     for number, o in enumerate(offsets):
@@ -86,10 +58,6 @@ def mirrored_parts(
         plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, number_of_vectors = args
         vectors = Vectors.of(builder, real)
         width = vectors.lanes * vectors.size
-
-        def weight(number: int, row: int, column: int) -> Any:
-            place = (number * rows + row) * columns + column
-            return vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
 
         def along_lines(line: tuple[int, int]) -> Callable[[Any], Sums]:
             """Sums over the mirror images of a line, by parity along the first two axes."""
@@ -111,7 +79,7 @@ def mirrored_parts(
                         made: dict[tuple[int, ...], Any] = {}
                         for k, inner, number in terms:
                             for row in range(rows) if inner == i else ():
-                                if not pattern[number][row * columns + column]:
+                                if not stencil.has(number, row, column):
                                     continue
                                 sign = parity(outside[row], inside[column])
                                 outer = tuple(0 if a == axis else sign[a] for a in (0, 1))
@@ -124,7 +92,8 @@ def mirrored_parts(
                                     )
                                 key = (row, sign[axis], k)
                                 sums = total.setdefault(key, [None] * chains)
-                                sums.append(vectors.multiply_add(sums.pop(0), weight(number, row, column), made[name]))
+                                w = weight_of(vectors, weights, stencil.place(number, row, column))
+                                sums.append(vectors.multiply_add(sums.pop(0), w, made[name]))
             zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
             for row in range(rows):
                 for k in (
@@ -147,40 +116,20 @@ def mirrored_parts(
 
 
 def crossing_parts(
-    offsets: Octant,
-    pattern: Pattern,
-    inside: Signs,
-    outside: Signs,
-    both: tuple[bool, bool],
-    reach: int,
-    apart: bool,
-    differ: bool,
-    real: str,
+    stencil: MirrorStencil, both: tuple[bool, bool], reach: int, apart: bool, differ: bool, real: str
 ) -> Any:
     """Make the intrinsic ``parts(to, source, strides, weights, vectors)`` for the nodes where faces meet.
 
     Along the line of a node on the last axis it sums the parts of the stencil that reach a certain distance along the
-    first axis and k nodes along the second: for each component, both directions along each of the two axes, and each k.
+    first axis, the same for all offsets, and k nodes along the second, up to `reach`: for each component, both
+    directions along each of the two axes (if `both` differ, along either axis), and each k.
 
-    Parameters
-    ----------
-    offsets : tuple of (int, int, int)
-        Offsets >= 0 that stand for their mirror images, all with the same distance along the first axis.
-    pattern, inside, outside, apart, differ, real
-        See `mirrored_parts`.
-    both : (bool, bool)
-        Whether the parts forward and back differ, along the first and along the second axis.
-    reach : int
-        The largest k.
-
-    Returns
-    -------
-    numba intrinsic
-        Takes tuples. `to`: byte address of the first sum (k = 1, first component, forward along both axes), and the
-        distances to the sums back along the first axis, back along the second, of the next component, and of the next
-        k. `source` as in `mirrored_parts`. `strides`: distances in bytes of components, and of lines one node farther
-        ahead. Then the weights, and the number of vectors. If the lines are apart, the sums are added to what is there.
+    The intrinsic takes tuples. `to`: byte address of the first sum (k = 1, first component, forward along both axes),
+    and the distances to the sums back along the first axis, back along the second, of the next component, and of the
+    next k. `strides`: distances in bytes of components, and of lines one node farther ahead. For all else see
+    `mirrored_parts`.
     """
+    offsets, inside, outside = stencil.offsets, stencil.inside, stencil.outside
     columns, rows = len(inside), len(outside)
     signs = [[parity(row, column) for column in inside] for row in outside]
 
@@ -200,15 +149,15 @@ def crossing_parts(
                 made: dict[tuple[int, int], Any] = {}
                 for number, (_, k, i) in enumerate(offsets):
                     for row in range(rows):
-                        if not pattern[number][row * columns + column]:
+                        if not stencil.has(number, row, column):
                             continue
                         sign = signs[row][column]
                         if (i, sign[2]) not in made:
                             on, back = neighbours.at(at, column, i, lambda start: {(): vectors.load(start)}, kept)
                             join = builder.fsub if sign[2] else builder.fadd
                             made[i, sign[2]] = on[()] if back is None else join(on[()], back[()])
-                        sums, place = total.setdefault((row, k), {}), (number * rows + row) * columns + column
-                        w = vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
+                        sums = total.setdefault((row, k), {})
+                        w = weight_of(vectors, weights, stencil.place(number, row, column))
                         sums[sign[:2]] = vectors.multiply_add(sums.get(sign[:2]), w, made[i, sign[2]])
             for row, k in itertools.product(range(rows), range(1, reach + 1)):
                 if apart and (row, k) not in total:
@@ -227,31 +176,20 @@ def crossing_parts(
     return _sums(emit, CROSSING_SIGNATURE)
 
 
-def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, differ: bool, real: str) -> Any:
+def band_sums(stencil: MirrorStencil, differ: bool, real: str) -> Any:
     """Make the intrinsic ``add(to, source, strides, weights, extent)`` for the layers along the last axis.
 
     It adds to the nodes of a band what the slots of all lines around theirs contribute. The lines of a plane follow one
     another along the second axis, and each is read once: its contributions to the lines up to a reach before and behind
     it are added to their sums so far, which stay in registers until the last line that contributes to them has been
-    read.
+    read. The last of all offsets is > 0; slots ahead and behind that do not `differ` hold the sums.
 
-    Parameters
-    ----------
-    offsets : tuple of (int, int, int)
-        Offsets >= 0 that stand for their mirror images, the last of each > 0.
-    pattern, inside, outside, real
-        See `mirrored_parts`.
-    differ : bool
-        Whether slots ahead and behind differ; if they do not, they hold the sums.
-
-    Returns
-    -------
-    numba intrinsic
-        Takes tuples. `to`: byte addresses of the first node in the levels to add to (0 for the second if there is
-        none), and the distances of lines and of components there. `source`: addresses of its slots ahead and behind.
-        `strides`: distances of their planes, lines and components, and of slots one node farther ahead. `weights`:
-        addresses of the weights and of the factor of the sums. `extent`: numbers of lines, and of nodes in each.
+    The intrinsic takes tuples. `to`: byte addresses of the first node in the levels to add to (0 for the second if
+    there is none), and the distances of lines and of components there. `source`: addresses of its slots ahead and
+    behind. `strides`: distances of their planes, lines and components, and of slots one node farther ahead. `weights`:
+    addresses of the weights and of the factor of the sums. `extent`: numbers of lines, and of nodes in each.
     """
+    offsets, inside, outside = stencil.offsets, stencil.inside, stencil.outside
     columns, rows = len(inside), len(outside)
     depth, reach = (max(o[axis] for o in offsets) for axis in (0, 1))
     window = 2 * reach + 1  # lines that a line contributes to
@@ -259,7 +197,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
     signs = [[parity(row, column) for column in inside] for row in outside]
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        to, other, line_to, part_c, ahead, behind, plane, line, shift, step, weights, scale, lines, nodes = args
+        to, second, line_to, part_c, ahead, behind, plane, line, shift, step, weights, scale, lines, nodes = args
         vectors = Vectors.of(builder, real)
         (factor,) = vectors.splat_all(scale, 1)
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
@@ -279,9 +217,9 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
                 made: dict[tuple[int, int, int, int], Any] = {}
                 for number, (x, y, i) in enumerate(offsets):
                     for row in range(rows):
-                        if not pattern[number][row * columns + column]:
+                        if not stencil.has(number, row, column):
                             continue
-                        sign, place = signs[row][column], (number * rows + row) * columns + column
+                        sign = signs[row][column]
                         if (x, i) not in read:
                             read[x, i] = neighbours.at(at, column, i, along_first(x), {})
                         key = (x, i, sign[0], sign[2])
@@ -291,31 +229,31 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
                             if back is not None:
                                 join = builder.fsub if sign[2] else builder.fadd
                                 made[key] = join(on[sign[:1]], back[sign[:1]])
-                        w = vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
+                        w = weight_of(vectors, weights, stencil.place(number, row, column))
                         name = (row, sign[1], y)
                         sums[name] = vectors.multiply_add(sums.get(name), w, made[key])
             return sums
 
         def take(number: Any, at: Any, so_far: list[Any]) -> list[Any]:
             """Sums of the lines around one, first component first, with its contributions added."""
-            sums, found = brought(builder.add(builder.mul(number, line), at)), list(so_far)
+            sums, totals = brought(builder.add(builder.mul(number, line), at)), list(so_far)
             for row, place in itertools.product(range(rows), range(-reach, reach + 1)):
                 even, odd = (sums.get((row, p, abs(place))) for p in (0, 1))
                 where = row * window + reach + place
                 for term, minus in ((even, False), (odd, place > 0)):
                     if term is not None:
-                        found[where] = _joined(builder, found[where], term, minus)
-            return found
+                        totals[where] = _joined(builder, totals[where], term, minus)
+            return totals
 
         def fetch_ahead(number: Any, at: Any) -> None:
             """Prefetch what a line some lines later needs first: it is too far for the hardware prefetcher."""
-            there = _moved(builder, builder.add(at, builder.mul(number, line_to)), (_AHEAD, line_to))
-            ends = [builder.add(there, I64(byte)) for byte in (0, vectors.lanes * vectors.size - 1)]
-            found = [_moved(builder, builder.add(to, end), (row, part_c)) for row in range(rows) for end in ends]
+            target = _moved(builder, builder.add(at, builder.mul(number, line_to)), (_AHEAD, line_to))
+            ends = [builder.add(target, I64(byte)) for byte in (0, vectors.lanes * vectors.size - 1)]
+            needed = [_moved(builder, builder.add(to, end), (row, part_c)) for row in range(rows) for end in ends]
             last = _moved(builder, builder.add(at, builder.mul(number, line)), (reach + _AHEAD, line), (depth, plane))
             for column, i, first in itertools.product(range(columns), steps, (ahead, behind)[: 1 + differ]):
-                found.append(_moved(builder, builder.add(first, last), (column, shift), (i - 1, step)))
-            for address in found:
+                needed.append(_moved(builder, builder.add(first, last), (column, shift), (i - 1, step)))
+            for address in needed:
                 vectors.prefetch(address)
 
         def passed(so_far: list[Any]) -> list[Any]:
@@ -328,18 +266,18 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
 
             def add(number: Any, so_far: list[Any], at: Any = at, store: Any = store) -> list[Any]:
                 fetch_ahead(number, at)
-                found = take(builder.add(number, I64(reach)), at, so_far)
-                there = builder.add(builder.mul(number, line_to), at)
+                totals = take(builder.add(number, I64(reach)), at, so_far)
+                target = builder.add(builder.mul(number, line_to), at)
 
                 def put(level: Any) -> None:
                     for row in range(rows):
-                        place = _moved(builder, builder.add(level, there), (row, part_c))
-                        store(vectors.multiply_add(vectors.load(place), factor, found[row * window]), place)
+                        place = _moved(builder, builder.add(level, target), (row, part_c))
+                        store(vectors.multiply_add(vectors.load(place), factor, totals[row * window]), place)
 
                 put(to)
-                with builder.if_then(builder.icmp_signed("!=", other, I64(0))):
-                    put(other)
-                return passed(found)
+                with builder.if_then(builder.icmp_signed("!=", second, I64(0))):
+                    put(second)
+                return passed(totals)
 
             def begin(number: Any, so_far: list[Any], at: Any = at) -> list[Any]:
                 return passed(take(number, at, so_far))
@@ -351,15 +289,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
 
 
 class _Neighbours:
-    """Reads sums of values some nodes ahead and behind along the last axis.
-
-    Parameters
-    ----------
-    vectors : Vectors
-    ahead, behind, shift, step : ir.Value
-        See `mirrored_parts`.
-    apart, differ : bool
-    """
+    """Reads sums of values some nodes ahead and behind along the last axis, see `mirrored_parts`."""
 
     def __init__(
         self, vectors: Vectors, ahead: Any, behind: Any, shift: Any, step: Any, apart: bool, differ: bool
@@ -368,17 +298,8 @@ class _Neighbours:
         self.ahead, self.behind, self.shift, self.step = ahead, behind, shift, step
 
     def at(self, at: Any, column: int, i: int, read: Callable[[Any], Sums], kept: dict[str, Any]) -> tuple[Any, Any]:
-        """Sums i nodes ahead and behind; None for the second if i = 0 or if the two have been added up.
-
-        Parameters
-        ----------
-        at : ir.Value
-            Distance of the vector in bytes.
-        column, i : int
-        read : callable
-            Returns the sums at an address.
-        kept : dict
-            What has been read of this column and line.
+        """Sums i nodes ahead and behind of the vector `at` bytes on; None for the second if i = 0 or if the two have
+        been added up. ``read(address)`` returns sums, and `kept` holds what has been read of this column and line.
         """
         vectors, builder = self.vectors, self.vectors.builder
         if self.apart:

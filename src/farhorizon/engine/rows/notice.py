@@ -15,10 +15,11 @@ from numba.core import event
 _PURPOSES = {
     "program_": "the time loop",
     "stencil_rows_": "the sweep of a stencil",
+    "matrix_rows_": "the sweep of a stencil",
     "bond_rows_": "the sweep of breaking bonds",
     "farhorizon.": "other kernels",
 }
-_SHORT = 0.2  # seconds below which no line is printed
+_SHORT = 0.2  # seconds below which no line is printed: nobody notices the wait
 
 
 class _Notice(event.Listener):
@@ -29,40 +30,40 @@ class _Notice(event.Listener):
     """
 
     def __init__(self) -> None:
-        self._mine = threading.local()  # simulations may be set up in parallel
+        self._thread = threading.local()  # simulations may be set up in parallel
         self._begun = False
         self.spent = 0.0
 
-    def on_start(self, found: Any) -> None:
+    def on_start(self, event: Any) -> None:
         """Take note that a function, or a pass of one, begins."""
-        if found.kind == "numba:compile":
-            self.enter(found.data["dispatcher"].py_func.__module__)
-        if found.kind == "numba:run_pass" and getattr(self._mine, "names", None):
-            self._mine.busy = True
-            if not self._begun and _purpose(self._mine.names[0]):
+        if event.kind == "numba:compile":
+            self.enter(event.data["dispatcher"].py_func.__module__)
+        if event.kind == "numba:run_pass" and getattr(self._thread, "names", None):
+            self._thread.busy = True
+            if not self._begun and _purpose(self._thread.names[0]):
                 self._begun = True
                 _say("compiling for this machine, once: later runs find it on disk")
 
-    def on_end(self, found: Any) -> None:
+    def on_end(self, event: Any) -> None:
         """Take note that a function, or a pass of one, ends."""
-        if found.kind == "numba:compile":
+        if event.kind == "numba:compile":
             self.leave()
 
     def enter(self, name: str) -> None:
         """Attribute what this thread compiles from here on to a module, unless it is attributed to one already."""
-        mine = self._mine
-        if not getattr(mine, "names", None):
-            mine.names, mine.begin, mine.busy = [], time.perf_counter(), False
-        mine.names.append(name)
+        thread = self._thread
+        if not getattr(thread, "names", None):
+            thread.names, thread.begin, thread.busy = [], time.perf_counter(), False
+        thread.names.append(name)
 
     def leave(self) -> None:
         """Undo `enter`."""
-        mine = self._mine
-        name = mine.names.pop()
-        seconds = time.perf_counter() - mine.begin
-        if not mine.names and mine.busy:
+        thread = self._thread
+        name = thread.names.pop()
+        seconds = time.perf_counter() - thread.begin
+        if not thread.names and thread.busy:
             self.spent += seconds
-        if not mine.names and mine.busy and _purpose(name) and seconds > _SHORT:
+        if not thread.names and thread.busy and _purpose(name) and seconds > _SHORT:
             _say(f"compiled {_purpose(name)} in {seconds:.1f} s")
 
 

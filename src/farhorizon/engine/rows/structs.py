@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from operator import is_
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,36 +22,22 @@ from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import models, register_model, unbox
 from numba.np import arrayobj
 
-_WORD = 8
-_LAYOUT = Path(__file__).read_text()  # so that types differ where machine code reads them differently
+from farhorizon.engine.rows.sources import digest
+
+_WORD = 8  # bytes
 _I64 = ir.IntType(64)
 
 
 class Struct:
     """A named tuple of arrays, numbers and named tuples, as compiled functions read it; it does not change.
 
-    Parameters
-    ----------
-    table : NamedTuple
-    last : Struct, optional
-        One of the same class: what both have in common need not be examined again.
-    beside : Struct, optional
-        One of another class, which may have named tuples in common with this one.
-
-    Attributes
-    ----------
-    type : StructType
-    parts : list
-        Type and words of each field; the words of an array are its address, its shape and its strides.
-    words : list of int
-        Words of all fields, one after the other.
-    address : int
-        Where they lie in memory.
+    What it has in common with `last`, a struct of the same class, need not be examined again, nor do the named tuples
+    that it shares with `beside`, one of another class.
     """
 
     def __init__(self, table: Any, last: Struct | None = None, beside: Struct | None = None) -> None:
         self.table = table  # keeps its arrays alive
-        self.parts: list[Struct | _Value]
+        self.parts: list[Struct | _Value]  # of each field; the words of an array are its address, shape and strides
         if last is None:
             known = {} if beside is None else dict(beside._inner())
             self.parts = [known.get(id(value)) or _part(value) for value in table]
@@ -66,7 +52,7 @@ class Struct:
             self.type = _struct_type(type(table).__name__, table._fields, kinds)
         self.words: list[int] = [word for part in self.parts for word in part.words]
         self._memory = np.array(self.words, np.int64)
-        self.address = _address(self._memory)
+        self.address = _address(self._memory)  # of the words
 
     def _inner(self) -> Iterator[tuple[int, Struct]]:
         """Yield the structs in this one, by the identity of their named tuples."""
@@ -81,6 +67,12 @@ class Struct:
     @property
     def _numba_type_(self) -> StructType:
         return self.type
+
+
+@cache
+def _layout() -> str:
+    """What makes types differ where machine code reads them differently."""
+    return digest(Path(__file__))
 
 
 @lru_cache
@@ -114,20 +106,15 @@ def _part(value: Any, last: Any = None) -> Struct | _Value:
 
 
 class StructType(types.Type):
-    """Type of a `Struct`.
-
-    Attributes
-    ----------
-    fields : dict of str to (int, types.Type)
-        The first word of each field, and its type.
-    """
+    """Type of a `Struct`."""
 
     def __init__(self, name: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
-        self.fields, self.size = {}, 0
+        self.fields: dict[str, tuple[int, types.Type]] = {}  # first word of each field, and its type
+        self.size = 0
         for field, kind in fields:
             self.fields[field] = self.size, kind
             self.size += _length(kind)
-        mark = ", ".join([_LAYOUT, *(f"{field}: {kind}" for field, kind in fields)])
+        mark = ", ".join([_layout(), *(f"{field}: {kind}" for field, kind in fields)])
         super().__init__(f"Struct({name}, {hashlib.sha256(mark.encode()).hexdigest()[:20]})")
 
 
@@ -167,26 +154,27 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(StructType)
 def _field(context: Any, builder: ir.IRBuilder, kind: StructType, address: Any, name: str) -> Any:
-    start, wanted = kind.fields[name]
-    if isinstance(wanted, StructType):
+    start, type_of_field = kind.fields[name]
+    if isinstance(type_of_field, StructType):
         return builder.add(address, _I64(start * _WORD))
 
     def word(number: int) -> Any:
         place = builder.inttoptr(builder.add(address, _I64((start + number) * _WORD)), _I64.as_pointer())
-        found = builder.load(place)
-        found.set_metadata("invariant.load", builder.module.add_metadata([]))
-        return found
+        value = builder.load(place)
+        value.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return value
 
-    if isinstance(wanted, types.Array):
-        array, axes = arrayobj.make_array(wanted)(context, builder), range(wanted.ndim)
-        shape, strides = ([word(1 + axis + first) for axis in axes] for first in (0, wanted.ndim))
+    if isinstance(type_of_field, types.Array):
+        array, axes = arrayobj.make_array(type_of_field)(context, builder), range(type_of_field.ndim)
+        shape, strides = ([word(1 + axis + first) for axis in axes] for first in (0, type_of_field.ndim))
         data = builder.inttoptr(word(0), array.data.type)
-        itemsize = context.get_abi_sizeof(context.get_data_type(wanted.dtype))
+        itemsize = context.get_abi_sizeof(context.get_data_type(type_of_field.dtype))
         arrayobj.populate_array(array, data, shape, strides, itemsize, None)
         return array._getvalue()
-    if isinstance(wanted, types.Boolean):
+    if isinstance(type_of_field, types.Boolean):
         return builder.icmp_signed("!=", word(0), _I64(0))
-    if isinstance(wanted, types.Float):
-        bits = builder.trunc(word(0), ir.IntType(wanted.bitwidth)) if wanted.bitwidth < 64 else word(0)
-        return builder.bitcast(bits, context.get_value_type(wanted))
+    if isinstance(type_of_field, types.Float):
+        width = type_of_field.bitwidth
+        bits = builder.trunc(word(0), ir.IntType(width)) if width < 64 else word(0)
+        return builder.bitcast(bits, context.get_value_type(type_of_field))
     return word(0)

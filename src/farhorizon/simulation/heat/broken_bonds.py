@@ -17,29 +17,24 @@ from farhorizon.simulation.setup.cuts import Bonds
 from farhorizon.simulation.setup.setup import Sides
 from farhorizon.simulation.time.breaking import Breaking
 
-GAPING, TOUCHING, WHOLE = range(3)  # states of a bond; whole ones are those that have not broken
+GAPING, TOUCHING, INTACT = range(3)  # states of a bond
 
 
 class BrokenBonds:
     """Broken bonds of a solid on the nodes of this process, as tables with one row per bond and direction: a key, and
     whether its ends are apart or touch.
 
-    Parameters
-    ----------
-    breaking : Breaking
-        Its cracks that are open at the start have been cut.
-    touching : bool
-        Whether to find out which ends touch, as processes do together; otherwise all are taken as apart.
-    team : ProcessGroup
+    Its cracks that are open at the start have been cut. Unless `touching`, which processes find out together, all ends
+    are taken as apart.
     """
 
-    def __init__(self, breaking: Breaking, touching: bool, team: ProcessGroup = ALONE) -> None:
+    def __init__(self, breaking: Breaking, touching: bool, group: ProcessGroup = ALONE) -> None:
         self.breaking, self.grid, self._touching = breaking, breaking.grid, touching
         engine, grid = self.grid.engine, self.grid
         engine.bonds.expect_cuts()
-        whole = (1,) * grid.lead + grid.lattice.whole.shape
-        self._pad = int(team.largest(max(grid.margins.values())))  # nodes beyond the near field may be counted, too
-        self._sizes = *(n + 2 * self._pad for n in whole), len(engine.offsets)
+        shape = (1,) * grid.lead + grid.lattice.whole.shape
+        self._pad = int(group.largest(max(grid.margins.values())))  # nodes beyond the near field may be counted, too
+        self._sizes = *(n + 2 * self._pad for n in shape), len(engine.offsets)
         self.forget()
 
     @property
@@ -62,10 +57,10 @@ class BrokenBonds:
             nodes, bonds = set_bits(engine.bonds.broken_bits.reshape(-1, engine.core.node_indices().size))
             at = np.stack(np.unravel_index(nodes, engine.core.nodes), axis=-1)
             states = self._apart(engine.core.node_indices().ravel()[nodes], bonds)
-            found = np.column_stack([self.keys(at + self.grid.first, bonds), states])
-            found = found[np.argsort(found[:, 0])]
-            if not np.array_equal(found, self._table):
-                self._table = found
+            rows = np.column_stack([self.keys(at + self.grid.first, bonds), states])
+            rows = rows[np.argsort(rows[:, 0])]
+            if not np.array_equal(rows, self._table):
+                self._table = rows
             self._seen = seen
         return self._table
 
@@ -77,10 +72,10 @@ class BrokenBonds:
             return np.full(len(bonds), GAPING)
         engine, count = self.grid.engine, self.grid.engine.components
         table, level = engine.bonds.table, engine.current.reshape(count, -1)
-        xi, other = table.table[bonds, :count].astype(float), places + table.places[bonds, 0]
-        moved = (level[:, other] - level[:, places]).T.astype(float)
-        warm = (table.thermal_strain[places] + table.thermal_strain[other]) / 2
-        return np.where((xi * moved).sum(1) / (xi**2).sum(1) <= warm, TOUCHING, GAPING)
+        xi, neighbours = table.table[bonds, :count].astype(float), places + table.places[bonds, 0]
+        eta = (level[:, neighbours] - level[:, places]).T.astype(float)
+        thermal_strain = (table.thermal_strain[places] + table.thermal_strain[neighbours]) / 2
+        return np.where((xi * eta).sum(1) / (xi**2).sum(1) <= thermal_strain, TOUCHING, GAPING)
 
     def keys(self, at: np.ndarray, bonds: np.ndarray) -> np.ndarray:
         """Return the keys of bonds from nodes, shape (n, 3), whose numbers begin at the first node of the lattice."""
@@ -98,40 +93,27 @@ class BrokenBonds:
 
 
 def table_changes(before: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Return the rows in which a table differs from an earlier one, and a row with `WHOLE` for each that is gone."""
+    """Return the rows in which a table differs from an earlier one, and a row with `INTACT` for each that is gone."""
     gone = np.setdiff1d(before[:, 0], now[:, 0])
-    old = np.full(len(now), WHOLE)
-    _, mine, theirs = np.intersect1d(now[:, 0], before[:, 0], return_indices=True)
-    old[mine] = before[theirs, 1]
-    return np.concatenate([now[now[:, 1] != old], np.column_stack([gone, np.full(len(gone), WHOLE)])])
+    old = np.full(len(now), INTACT)
+    _, rows, rows_before = np.intersect1d(now[:, 0], before[:, 0], return_indices=True)
+    old[rows] = before[rows_before, 1]
+    return np.concatenate([now[now[:, 1] != old], np.column_stack([gone, np.full(len(gone), INTACT)])])
 
 
 def after_changes(table: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return a table after changes."""
-    both = np.concatenate([rows, table])  # of two rows with the same key the first one counts
-    both = both[np.unique(both[:, 0], return_index=True)[1]]
-    return both[both[:, 1] != WHOLE]
+    changed = np.concatenate([rows, table])  # of two rows with the same key the first one counts
+    changed = changed[np.unique(changed[:, 0], return_index=True)[1]]
+    return changed[changed[:, 1] != INTACT]
 
 
 class InsulatedBonds:
     """Bonds of a heat conduction that broken bonds of its solid interrupt.
 
-    Parameters
-    ----------
-    solid : BrokenBonds
-    offsets : ndarray of int, shape (K, 3)
-        Offsets of the bonds of the heat.
-    sides : dict of (axis, side) to Side
-        Sides of the whole heat conduction.
-    shape, first : sequence of int
-        Number of its nodes along the axes of the lattice, and the number of the first one in the lattice of the solid.
-    rest : float
-        Remaining fraction of bonds whose ends touch.
-
-    Raises
-    ------
-    InputError
-        A bond of the heat that is no chain of bonds of the solid.
+    The heat has bonds with these offsets, shape (K, 3), sides and `shape` nodes along the axes, the first of which has
+    the number `first` in the lattice of the solid. Bonds whose ends touch keep the fraction `remaining`. Raises
+    InputError if a bond of the heat is no chain of bonds of the solid.
     """
 
     def __init__(
@@ -141,12 +123,12 @@ class InsulatedBonds:
         sides: Sides,
         shape: tuple[int, ...],
         first: np.ndarray,
-        rest: float = 0.0,
+        remaining: float = 0.0,
     ) -> None:
         lead = 3 - len(shape)
         self.solid, self._offsets = solid, offsets
         self._bonds, self._from = chains(offsets, solid.offsets)
-        self._lost = np.array([1.0, 1.0 - rest])
+        self._lost = np.array([1.0, 1.0 - remaining])
         self._first = np.array([0] * lead + [int(n) for n in first])
         self._period = np.array([0] * lead + [n if sides[a, -1].periodic else 0 for a, n in enumerate(shape)])
 
@@ -158,11 +140,11 @@ class InsulatedBonds:
         nodes = np.where(self._period > 0, nodes % np.maximum(self._period, 1), nodes)
         engine, grid = heat.grid.engine, heat.grid
         nodes = nodes - grid.first
-        other, last = nodes + self._offsets[bonds], np.array(engine.core.nodes)
+        neighbours, last = nodes + self._offsets[bonds], np.array(engine.core.nodes)
         kept = ((nodes >= 0) & (nodes < last)).all(1)
         for (axis, side), boundary in heat.layered.sides.items():
             if not (boundary.periodic or boundary.shared):  # the medium beyond continues as it is
-                along = other[:, grid.lead + axis]
+                along = neighbours[:, grid.lead + axis]
                 kept &= along >= 0 if side < 0 else along < last[grid.lead + axis]
         places = engine.core.origin + nodes[kept] @ np.array(engine.core.stride)
         steps = engine.offsets @ np.array(engine.core.stride)
@@ -171,28 +153,15 @@ class InsulatedBonds:
 
 
 def chains(offsets: np.ndarray, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each link, the offsets whose chains contain it, and the node from which these lead.
+    """Return, for each link, the numbers of the offsets whose chains contain it, shape (L, n), -1 for none, and where
+    these begin relative to the node where the link begins, shape (L, n, 3).
 
-    Parameters
-    ----------
-    offsets, links : ndarray of int, shapes (K, 3) and (L, 3)
-        Both with the opposite of each row. The chain of an offset has as few links as possible, between the nodes
-        nearest to the points that divide it evenly.
-
-    Returns
-    -------
-    numbers : ndarray of int, shape (L, n)
-        Numbers of offsets, -1 for none.
-    starts : ndarray of int, shape (L, n, 3)
-        Where these begin, relative to the node where the link begins.
-
-    Raises
-    ------
-    InputError
-        An offset without a chain.
+    Offsets, shape (K, 3), and links, shape (L, 3), both have the opposite of each row. The chain of an offset has as
+    few links as possible, between the nodes nearest to the points that divide it evenly. Raises InputError if there is
+    none.
     """
-    number = {tuple(one): k for k, one in enumerate(links.tolist())}
-    found: list[list[tuple[int, np.ndarray]]] = [[] for _ in links]
+    number = {tuple(link): k for k, link in enumerate(links.tolist())}
+    of_links: list[list[tuple[int, np.ndarray]]] = [[] for _ in links]
     for k, offset in enumerate(offsets):
         ahead = offset * (1 if tuple(offset) > (0, 0, 0) else -1)  # opposite bonds have the same chain
         for count in range(1, int(np.abs(offset).max()) + 1):
@@ -212,10 +181,10 @@ def chains(offsets: np.ndarray, links: np.ndarray) -> tuple[np.ndarray, np.ndarr
         start = points[:-1] if (ahead == offset).all() else points[:-1] - ahead
         for step, node in zip(steps, start, strict=True):
             assert step is not None
-            found[step].append((k, -node))
-    numbers = np.full((len(links), max(map(len, found))), -1)
+            of_links[step].append((k, -node))
+    numbers = np.full((len(links), max(map(len, of_links))), -1)
     starts = np.zeros((*numbers.shape, 3), int)
-    for k, those in enumerate(found):
-        for i, (bond, start) in enumerate(those):
+    for k, of_link in enumerate(of_links):
+        for i, (bond, start) in enumerate(of_link):
             numbers[k, i], starts[k, i] = bond, start
     return numbers, starts

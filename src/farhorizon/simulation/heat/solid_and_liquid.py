@@ -37,16 +37,7 @@ def placed(setup: Setup, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class SolidAndLiquid:
-    """Phases of a near field on its grid.
-
-    Attributes
-    ----------
-    grid : Grid
-    dissolution : Dissolution
-    background : float
-    first : ndarray of bool
-        Nodes that are solid at the start.
-    """
+    """Phases of a near field on its grid; `first` marks the nodes that are solid at the start."""
 
     grid: Grid
     dissolution: Dissolution

@@ -26,26 +26,19 @@ from farhorizon.simulation.sides.layered_sides import LayeredSides
 def thermoelastic_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     """Return the sides beyond which the temperature continues with the displacements. There are none if some other side
     absorbs, if the integrator of the heat has several stages, if the heat's background is not the reference
-    temperature, or if uncoupled heat is unstable with the time step of the solid.
-
-    Parameters
-    ----------
-    setup : Setup
-    sides : dict of (axis, side) to Side
-        Sides of the displacements, as chosen.
-    dt : float
-        Time step of the displacements.
+    temperature, or if uncoupled heat is unstable with the time step of the solid. `sides` and `dt` are those of the
+    displacements, as chosen.
     """
     load = setup.heat
     if load is None or not load.joint:
         return frozenset()
     heat = load.temperature
-    found = {key for key, side in sides.items() if (side.stretched or side.extended) and side_name(*key) in load.joint}
-    others = [side for key in sides.keys() - found for side in (sides[key], heat.sides[key])]
+    joint = {key for key, side in sides.items() if (side.stretched or side.extended) and side_name(*key) in load.joint}
+    others = [side for key in sides.keys() - joint for side in (sides[key], heat.sides[key])]
     once = len(heat.model.integrator.stages(dt).numbers) == 1  # each stage would need a memory of its own
     if not once or heat.background != load.reference or any(side.endless for side in others):
         return frozenset()
-    return frozenset(found) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
+    return frozenset(joint) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
 
 
 def thermoelastic_margins(setup: Setup, thermoelastic: Collection[Key], layered: LayeredSides) -> dict[Key, int]:
@@ -74,28 +67,21 @@ def heat_front(setup: Setup, thermoelastic: Collection[Key], until: float, error
 
 
 def sides_of_heat(layered: LayeredSides, margins: Mapping[Key, int], thermoelastic: Collection[Key]) -> dict[Key, Side]:
-    """Return the sides that the heat shares with the solid, in the form for the heat.
-
-    Parameters
-    ----------
-    layered : LayeredSides
-        Surroundings of the solid. The damping of its layers is left out: the temperature does not need it.
-    margins : mapping of (axis, side) to int
-        Nodes of the core beyond the near field.
-    thermoelastic : collection of (axis, side)
+    """Return the sides that the heat shares with the solid, whose layered sides and nodes beyond the near field are
+    given, in the form for the heat. The damping of layers is left out: the temperature does not need it.
     """
-    found: dict[Key, Any] = {}
+    sides: dict[Key, Any] = {}
     for key in thermoelastic:
         layer, side = layered.layers.get(key), layered.sides[key]
         if layer is None:
-            found[key] = replace(side, nodes=max(1, margins[key]))
+            sides[key] = replace(side, nodes=max(1, margins[key]))
         else:
             profile = Layer(layer.kappa, layer.sigma, layer.alpha)
-            found[key] = replace(side, nodes=layer.columns, profile=profile)
-    return found
+            sides[key] = replace(side, nodes=layer.columns, profile=profile)
+    return sides
 
 
-def heat_beside(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Setup:
+def setup_of_heat(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Setup:
     """Return the set-up of the heat with the time step of the solid and the sides that they share."""
     heat = load.temperature
     named = {side_name(*key): side for key, side in shared.items()}
@@ -103,14 +89,10 @@ def heat_beside(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Set
 
 
 class ThermoelasticNodes:
-    """Nodes beyond the near field that both fields have: those of the layers and in front of them.
+    """Nodes beyond the near field that both fields have on grids with the same nodes: those of the layers and in front
+    of them.
 
-    Parameters
-    ----------
-    solid, heat : Grid
-        Grids with the same nodes.
-    expansion : ndarray
-        Strain per unit of temperature at each node of the near field; it is continued along the normals.
+    The expansion, strain per unit of temperature at each node of the near field, is continued along the normals.
     """
 
     def __init__(self, solid: Grid, heat: Grid, expansion: np.ndarray) -> None:

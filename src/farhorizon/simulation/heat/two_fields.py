@@ -17,20 +17,11 @@ U, T = "u", "T"  # names of the fields
 
 
 def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str, Any]:
-    """Turn the arguments for a set-up of a `Thermoelastic` into those for a set-up of its solid with a thermal load.
+    """Turn the arguments for a `Setup`, by name, of a `Thermoelastic` into those of its solid with a thermal load;
+    `make` makes a `Setup`.
 
-    Parameters
-    ----------
-    given : mapping
-        Arguments of `Setup` by name.
-    make : callable
-        Makes a `Setup`.
-
-    Raises
-    ------
-    InputError
-        A value is given for an unknown field, or a coefficient is not given by field; the set-up of the heat is
-        refused, with a key that begins with "heat.".
+    Raises InputError if a value is given for an unknown field, a coefficient is not given by field, or the set-up of
+    the heat is refused, with a key that begins with "heat.".
     """
     model = given["model"]
     boundary = _by_field(given["boundary"], "boundary", both=True)
@@ -54,7 +45,7 @@ def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str
             dtype=given["dtype"],
             threads=given["threads"],
             rim=given["rim"],
-            constraints=[one for one in constraints if not isinstance(one, Prescribed)],
+            constraints=[condition for condition in constraints if not isinstance(condition, Prescribed)],
         )
     load = ThermalLoad(
         heat,
@@ -69,9 +60,9 @@ def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str
         "boundary": boundary[U],
         "initial": {name: value for name, value in initial.items() if name != T},
         "sources": () if sources[U] is None else sources[U],
-        "cracks": [replace(one, factor=0.0) if isinstance(one, Crack) else one for one in cracks],
+        "cracks": [replace(crack, factor=0.0) if isinstance(crack, Crack) else crack for crack in cracks],
         "coefficient": coefficient[U],
-        "constraints": [one for one in constraints if isinstance(one, Prescribed)],
+        "constraints": [condition for condition in constraints if isinstance(condition, Prescribed)],
         "loads": [*kinds.sequence(given["loads"], "loads"), load],
     }
 
@@ -83,15 +74,17 @@ def _joint(boundary: Mapping[str, Any], heat: Any) -> list[str]:
     if None in boundary.values():
         return []
     dim = heat.lattice.dim
-    mine, theirs = (sides(boundary[field], dim) for field in (U, T))
+    of_solid, of_heat = (sides(boundary[field], dim) for field in (U, T))
     return [
-        name for name, key in zip(heat.boundary, theirs, strict=True) if key in mine and _same(mine[key], theirs[key])
+        name
+        for name, key in zip(heat.boundary, of_heat, strict=True)
+        if key in of_solid and _equal(of_solid[key], of_heat[key])
     ]
 
 
-def _same(mine: Side, theirs: Side) -> bool:
+def _equal(side: Side, other: Side) -> bool:
     """Whether two sides are equal; sides with a profile of their own must be the same object."""
-    return mine is theirs or (mine.profile is None and theirs.profile is None and mine == theirs)
+    return side is other or (side.profile is None and other.profile is None and side == other)
 
 
 def _by_field(value: Any, key: str, both: bool = False, none: bool = False) -> dict[str, Any]:

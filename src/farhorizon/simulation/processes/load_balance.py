@@ -8,7 +8,8 @@ between the results, which depend on the stencil and the machine. Nodes outside 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -32,87 +33,69 @@ _UNEVEN, _UNEVEN_ROW = 20.0, 45.0
 _FRONT = 20.0
 
 
-@dataclass(frozen=True)
-class Costs:
-    """Work per node for a set-up.
+class Costs(NamedTuple):
+    """Work per node for a set-up."""
 
-    Attributes
-    ----------
-    node : float
-        For a node with all its bonds.
-    cut, rim : float
-        Added next to a crack, and next to nodes outside the body.
-    uneven : tuple of float
-        Added where bonds end in several media, and where those along the row do.
-    """
+    node: float  # for a node with all its bonds
+    cut: float  # added next to a crack
+    rim: float  # added next to nodes outside the body
+    uneven: tuple[float, float] = (0.0, 0.0)  # added where bonds end in several media, and where those along the row do
 
-    node: float
-    cut: float
-    rim: float
-    uneven: tuple[float, float] = (0.0, 0.0)
+
+def varies(setup: Setup) -> bool:
+    """Whether the medium of a set-up varies."""
+    return bool(setup.model.varying) or setup.coefficient is not None
 
 
 def costs_of(setup: Setup, model: LatticeModel) -> Costs:
-    """Return the work per node of the operator of a set-up, where bonds are present and where they are absent; `model`
-    is its uniform host.
-    """
-    lattice = setup.lattice
-    law, varies = model.bond_law, bool(setup.model.varying) or setup.coefficient is not None
+    """Return the work per node of the operator of a set-up, whose reference medium is `model`."""
+    law, lattice = model.bond_law, setup.lattice
     if model.force_states(lattice.spacing, lattice.dim) is not None:
         return Costs(1.0, _STATES, _RIM)
-    if law is not None and (varies or law.nonlinear or law.softening is not None or law.warm):
+    if law is not None and (varies(setup) or law.nonlinear or law.softening is not None or law.warm):
         return Costs(_ONE_BY_ONE, 0.0, 0.0)
     if law is not None:
         return Costs(_WATCHED, _ONE_BY_ONE, _ONE_BY_ONE)
-    return Costs(1.0, _CUT, _RIM, (_UNEVEN, _UNEVEN_ROW) if varies else (0.0, 0.0))
+    return Costs(1.0, _CUT, _RIM, (_UNEVEN, _UNEVEN_ROW) if varies(setup) else (0.0, 0.0))
 
 
 def cost_per_node(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
-    """Return the work of each node in a part of the lattice.
-
-    Parameters
-    ----------
-    setup : Setup
-        The whole set-up.
-    model : LatticeModel
-        Uniform host of its model.
-    part : Lattice
-    """
+    """Return the work of each node in a part of the lattice of a set-up, whose reference medium is `model`."""
     costs, whole = costs_of(setup, model), part.whole
     states = model.force_states(whole.spacing, whole.dim)
     offsets = (model.medium(whole.spacing, whole.dim) if states is None else states).offsets
     reach = np.abs(offsets).max(0).tolist()
-    around, own = part.around(reach)  # with all nodes within reach of its own
+    around, inside = part.around(reach)  # with all nodes within reach of its own
     box = [2 * m + 1 for m in reach]
-    found = np.full(around.shape, costs.node)
+    work = np.full(around.shape, costs.node)
     if around.existing is not None and setup.rim == "free" and costs.rim:
-        found += costs.rim * (around.existing & ~minimum_filter(around.existing, box, mode="nearest"))
+        work += costs.rim * (around.existing & ~minimum_filter(around.existing, box, mode="nearest"))
     if any(costs.uneven):
         several, in_row = _uneven(setup, model, around, reach)
-        found += costs.uneven[0] * several + costs.uneven[1] * in_row
+        work += costs.uneven[0] * several + costs.uneven[1] * in_row
     if costs.cut:
-        lacks = np.zeros(around.shape, bool)
+        severed = np.zeros(around.shape, bool)
         for crack in setup.cracks:
-            lacks[tuple(cut_bonds(crack.cut, around.lower, whole.spacing, around.shape, offsets)[0].T)] = True
-        found += costs.cut * lacks
+            severed[tuple(cut_bonds(crack.cut, around.lower, whole.spacing, around.shape, offsets)[0].T)] = True
+        work += costs.cut * severed
     if setup.specimens:
         solid = np.zeros(around.shape, bool)
         for number, specimen in enumerate(setup.specimens):
-            there = replace(specimen, where=within_part(specimen.where, whole, around.within))
-            solid |= there.nodes(around, f"specimen[{number}]")
-        alone = minimum_filter(solid, box, mode="nearest")
-        front = maximum_filter(solid, box, mode="nearest") & ~alone
-        found = np.where(alone, 0.0, found + _FRONT * front)
-    return np.asarray(found[own])
+            metal = replace(specimen, where=within_part(specimen.where, whole, around.within))
+            solid |= metal.nodes(around, f"specimen[{number}]")
+        interior = minimum_filter(solid, box, mode="nearest")
+        front = maximum_filter(solid, box, mode="nearest") & ~interior
+        work = np.where(interior, 0.0, work + _FRONT * front)
+    return np.asarray(work[inside])
 
 
 def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Mark the nodes in a part of the lattice whose bonds end in more than one medium, and those for which bonds along
     the last axis do.
     """
-    there = replace(setup, lattice=part)
-    variation = model.beside(constants_of(there)) if setup.model.varying else Variation()
-    factor = variation.times(node_factor(replace(there, model=model))).of_bonds
+    of_part = replace(setup, lattice=part)
+    variation = model.beside(constants_of(of_part)) if setup.model.varying else Variation()
+    factor = variation.times(node_factor(replace(of_part, model=model))).of_bonds
     if factor is None:
         return np.zeros(part.shape, bool), np.zeros(part.shape, bool)
     nodes = np.ones(part.shape, bool) if part.mask is None else part.mask
@@ -126,32 +109,23 @@ def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[in
 
 
 def cost_along(
-    setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: ProcessGroup = ALONE
+    setup: Setup, model: LatticeModel, beyond: Mapping[Key, float], group: ProcessGroup = ALONE
 ) -> list[np.ndarray]:
-    """Return, for each axis, the work of the nodes at each place along it, layers beside them included, relative to
-    that of as many plain nodes.
+    """Return, for each axis, the work of the nodes at each place along it relative to that of as many plain nodes.
 
-    Each process examines a box of the lattice.
-
-    Parameters
-    ----------
-    setup : Setup
-    model : LatticeModel
-        Uniform host of its model.
-    more : mapping of (axis, side) to float
-        Work beyond each side, as an equivalent number of nodes along the axis.
-    team : ProcessGroup
+    Included are the nodes `beyond` the sides of the other axes, in nodes along their axes. Each process examines a box
+    of the lattice.
     """
     lattice, shape = setup.lattice, setup.lattice.shape
-    boxes = decompose(shape, team.size, model.medium(lattice.spacing, lattice.dim).reach, {}, frozenset())
-    part = lattice.part(boxes.ranges(team.number))
+    boxes = decompose(shape, group.size, model.medium(lattice.spacing, lattice.dim).reach, {}, frozenset())
+    part = lattice.part(boxes.ranges(group.number))
     work, sums = cost_per_node(setup, model, part), [np.zeros(n) for n in shape]
     for axis, (along, place) in enumerate(zip(sums, part.within, strict=True)):
         along[place] = work.sum(tuple(b for b in range(lattice.dim) if b != axis))
-    grown = np.array([n + more.get((a, -1), 0.0) + more.get((a, 1), 0.0) for a, n in enumerate(shape)])
-    found = []
-    for axis, one in enumerate(sums):
+    grown = np.array([n + beyond.get((a, -1), 0.0) + beyond.get((a, 1), 0.0) for a, n in enumerate(shape)])
+    relative = []
+    for axis, along in enumerate(sums):
         across = float(np.prod(np.delete(grown, axis)))
-        beside = across - float(np.prod(np.delete(shape, axis)))
-        found.append((team.summed(one) + beside) / across)
-    return found
+        plain = across - float(np.prod(np.delete(shape, axis)))  # nodes beyond the sides, of work 1
+        relative.append((group.summed(along) + plain) / across)
+    return relative

@@ -22,9 +22,11 @@ from farhorizon.simulation.setup.digests import digest_of
 
 T = TypeVar("T")
 E = TypeVar("E", bound=BaseException)
-_LOOKS = 2000  # polls for the others before a waiting process sleeps between polls
-_NAP = 5e-4  # seconds
-_WORDS = 60  # characters of a value in a message that shows two of them
+_POLLS = 2000  # for the other processes, before a waiting one sleeps between polls
+_NAP = 5e-4  # seconds of such a sleep
+_WIDTH = 60  # characters of a value in a message that shows two of them on a line
+_PARTING = 2.0  # seconds for which a process that ends waits for the others; then MPI does, as at any end
+_HEAD_START = 1.0  # seconds in which the first process reports an error that all have met at once
 
 
 class _Failure:
@@ -43,7 +45,7 @@ class _Failure:
 
 
 def agreed(error: E, told: bool = False) -> E:
-    """Mark an error as one that all processes of a run raise, and of which another one tells if `told`."""
+    """Mark an error as one that all processes of a run raise, and that another one reports if `told`."""
     error.agreed, error.told = True, told  # type: ignore[attr-defined]
     return error
 
@@ -64,7 +66,7 @@ class ProcessGroup:
     Attributes
     ----------
     number, size : int
-        Number of this process, and how many there are.
+        Rank of this process, and how many there are.
 
     Raises
     ------
@@ -73,8 +75,8 @@ class ProcessGroup:
     """
 
     def __init__(self, communicator: Any = None) -> None:
-        self._all = None
-        self._ended: list[int] = []  # processes that take no part any more
+        self._communicator = None
+        self._ended: list[int] = []  # ranks of processes that take no part any more
         self.number, self.size = 0, 1
         if communicator is None:
             return
@@ -88,8 +90,8 @@ class ProcessGroup:
                 )
         self.number, self.size = int(communicator.Get_rank()), int(communicator.Get_size())
         if self.size > 1:
-            known = next((one for one in _PROCESS_GROUPS if _of_the_same(communicator, one._all)), None)
-            self._all = communicator.Dup() if known is None else known._all
+            known = next((group for group in _GROUPS if _of_the_same(communicator, group._communicator)), None)
+            self._communicator = communicator.Dup() if known is None else known._communicator
             if known is None:
                 _end_together(self)
             else:
@@ -98,7 +100,7 @@ class ProcessGroup:
 
     @classmethod
     def of(cls, communicator: Any) -> ProcessGroup:
-        """Return the processes of a communicator, or the team itself if it is one."""
+        """Return the processes of a communicator; a group is returned as it is."""
         return communicator if isinstance(communicator, ProcessGroup) else cls(communicator)
 
     def __bool__(self) -> bool:
@@ -110,52 +112,39 @@ class ProcessGroup:
 
         from farhorizon import __version__
 
-        mine = {"farhorizon": __version__, "numpy": np.__version__, "numba": numba.__version__}
-        every = self.gather(mine)
-        for number, theirs in enumerate(every):
-            if theirs != every[0]:
+        versions = self.gather({"farhorizon": __version__, "numpy": np.__version__, "numba": numba.__version__})
+        for number, installed in enumerate(versions):
+            if installed != versions[0]:
                 raise self._refusal(
                     "the processes run different versions",
-                    value=f"process {number}: {theirs}",
-                    limit=f"process 0: {every[0]}",
+                    value=f"process {number}: {installed}",
+                    limit=f"process 0: {versions[0]}",
                     key="communicator",
                     remedy="one environment on all machines",
                 )
 
     def _refusal(self, message: str, **words: str) -> InputError:
-        """Return an error that all processes raise at once, and of which the first one tells."""
+        """Return an error that all processes raise at once, and that the first one reports."""
         return agreed(InputError(message, **words), told=self.number > 0)
 
     def alone(self, what: str, key: str = "communicator") -> None:
-        """Refuse something that several processes cannot do together yet.
-
-        Raises
-        ------
-        InputError
-        """
+        """Refuse, with InputError, something that several processes cannot do together yet."""
         if self:
             raise InputError(f"{what} are not for several processes yet", key=key, remedy="one process")
 
     def alike(self, given: Mapping[str, Any]) -> None:
-        """Refuse values that are not the same on all processes.
-
-        Parameters
-        ----------
-        given : mapping of str to object
-            Values by their keys in messages; the entries of mappings and tuples are compared one by one.
-
-        Raises
-        ------
-        InputError
+        """Refuse, with InputError, values that differ between processes: values by their keys in messages; the entries
+        of mappings and tuples are compared one by one.
         """
-        if self._all is None:
+        if self._communicator is None:
             return
-        mine = dict(_entries(given))
-        every = self.gather({key: digest_of(value) for key, value in mine.items()})
-        for number, theirs in enumerate(every):
-            key = next((key for key in {**every[0], **theirs} if theirs.get(key) != every[0].get(key)), None)
+        values = dict(_entries(given))
+        digests = self.gather({key: digest_of(value) for key, value in values.items()})
+        first = digests[0]
+        for number, digest in enumerate(digests):
+            key = next((key for key in {**first, **digest} if digest.get(key) != first.get(key)), None)
             if key is not None:
-                words = self.gather(" ".join(shown(mine[key]).split())[:_WORDS] if key in mine else "nothing")
+                words = self.gather(" ".join(shown(values[key]).split())[:_WIDTH] if key in values else "nothing")
                 same = words[number] == words[0]
                 raise self._refusal(
                     "the processes were given different values",
@@ -170,22 +159,18 @@ class ProcessGroup:
     def gather(self, value: Any, numbers: tuple[int, ...] = ()) -> list[Any]:
         """Return the values of all processes, in order.
 
-        Raises
-        ------
-        BaseException
-            The error with which one of them has failed.
-        InputError
-            They call it from different places, or with different `numbers`, which describe what they do next.
+        Raises the error with which one of them has failed, or InputError if they call it from different places or with
+        different `numbers`, which describe what they do next.
         """
-        if self._all is None:
+        if self._communicator is None:
             return [value]
-        every = self._exchanged((_place(), numbers, value))
-        failed = next((one for one in every if isinstance(one, _Failure)), None)
-        if failed is not None:
-            raise failed.error()
-        for number, (*calls, _) in enumerate(every):
-            if calls != [*every[0][:2]]:
-                words = [f"{place} {list(said) if said else ''}".rstrip() for place, said, _ in every]
+        calls = self._exchanged((_place(), numbers, value))
+        failure = next((call for call in calls if isinstance(call, _Failure)), None)
+        if failure is not None:
+            raise failure.error()
+        for number, (*call, _) in enumerate(calls):
+            if call != [*calls[0][:2]]:
+                words = [f"{place} {list(said) if said else ''}".rstrip() for place, said, _ in calls]
                 raise self._refusal(
                     "the processes no longer do the same",
                     value=f"process {number}: {words[number]}",
@@ -193,21 +178,21 @@ class ProcessGroup:
                     key="communicator",
                     remedy="call the methods of a run on all processes, with the same arguments, also in observers",
                 )
-        return [one for _, _, one in every]
+        return [gathered for _, _, gathered in calls]
 
     def _exchanged(self, value: Any) -> list[Any]:
         """Return the values of all processes; while one of them works for long, the others leave it the processor."""
-        assert self._all is not None
+        assert self._communicator is not None
         self._check_present()
-        ended, looks = np.zeros(self.size, np.uint8), 0
-        waiting = self._all.Iallgather(np.zeros(1, np.uint8), ended)
-        while not waiting.Test():
-            looks += 1
-            if looks > _LOOKS:
+        ended, polls = np.zeros(self.size, np.uint8), 0
+        request = self._communicator.Iallgather(np.zeros(1, np.uint8), ended)
+        while not request.Test():
+            polls += 1
+            if polls > _POLLS:
                 time.sleep(_NAP)
         self._ended += np.flatnonzero(ended).tolist()
         self._check_present()
-        return list(self._all.allgather(value))
+        return list(self._communicator.allgather(value))
 
     def _check_present(self) -> None:
         if self._ended:
@@ -222,11 +207,11 @@ class ProcessGroup:
                 told,
             )
 
-    def leave(self) -> Any:
+    def _leave(self) -> Any:
         """Let the others know, once they wait for it, that this process has ended; return the request, if any."""
-        if self._all is None or self._ended:
+        if self._communicator is None or self._ended:
             return None
-        return self._all.Iallgather(np.ones(1, np.uint8), np.zeros(self.size, np.uint8))
+        return self._communicator.Iallgather(np.ones(1, np.uint8), np.zeros(self.size, np.uint8))
 
     @contextmanager
     def agreed(self) -> Iterator[None]:
@@ -236,34 +221,34 @@ class ProcessGroup:
         except (Exception, SystemExit) as error:
             if self.knows(error):
                 raise
-            every = self._exchanged(_Failure(error))
-            failed = next(number for number, one in enumerate(every) if isinstance(one, _Failure))
+            calls = self._exchanged(_Failure(error))
+            failed = next(number for number, call in enumerate(calls) if isinstance(call, _Failure))
             if failed != self.number:
-                raise every[failed].error() from None
+                raise calls[failed].error() from None
             raise agreed(error) from None
         self.gather(None)
 
     def knows(self, error: BaseException) -> bool:
         """Whether all processes know of an error."""
-        return self._all is None or getattr(error, "agreed", False)
+        return self._communicator is None or getattr(error, "agreed", False)
 
     def by_first(self, work: Callable[[], T]) -> T | None:
         """Return the result of `work` on the first process, for which the others wait, and None on these; its errors
         are raised on all.
         """
-        done: T | None = None
+        result: T | None = None
         with self.agreed():
             if self.number == 0:
-                done = work()
-        return done
+                result = work()
+        return result
 
     def first(self, value: Any) -> Any:
         """Return the value of the first process."""
-        return value if self._all is None else self.gather(value if self.number == 0 else None)[0]
+        return value if self._communicator is None else self.gather(value if self.number == 0 else None)[0]
 
-    def any(self, wanted: bool) -> bool:
+    def any(self, condition: bool) -> bool:
         """Whether it is true on any process."""
-        return any(self.gather(wanted))
+        return any(self.gather(condition))
 
     def largest(self, value: float) -> float:
         """Return the largest value of all processes."""
@@ -271,34 +256,27 @@ class ProcessGroup:
 
     def total(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the sums over all processes, added in their order."""
-        every = self.gather(dict(values))
-        return {name: sum(one[name] for one in every) for name in values}
+        parts = self.gather(dict(values))
+        return {name: sum(part[name] for part in parts) for name in values}
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """Return, on all processes, the sum of arrays of equal shape."""
-        if self._all is None:
+        if self._communicator is None:
             return values
         self.gather(None, values.shape)  # a process that has failed makes no further calls
-        found = np.empty_like(values)
-        self._all.Allreduce(np.ascontiguousarray(values), found)
-        return found
+        sums = np.empty_like(values)
+        self._communicator.Allreduce(np.ascontiguousarray(values), sums)
+        return sums
 
     def completed(self, values: np.ndarray, which: np.ndarray, count: int, axis: int) -> np.ndarray:
         """Return, on all processes, sums at `count` places along an axis; this process has values at the places
         `which`.
         """
-        if self._all is None:
+        if self._communicator is None:
             return values
-        whole = np.zeros((*values.shape[:axis], count, *values.shape[axis + 1 :]))
-        np.moveaxis(whole, axis, 0)[which] = np.moveaxis(values, axis, 0)
-        return self.summed(whole) if count else whole
-
-    def gathered_by_first(self, value: Any) -> list[Any] | None:
-        """Return the values of all processes on the first one, and None on the others."""
-        if self._all is None:
-            return [value]
-        self.gather(None)  # a process that has failed makes no further calls
-        return self._all.gather(value)
+        sums = np.zeros((*values.shape[:axis], count, *values.shape[axis + 1 :]))
+        np.moveaxis(sums, axis, 0)[which] = np.moveaxis(values, axis, 0)
+        return self.summed(sums) if count else sums
 
     def joined(self, lattice: Lattice, field: np.ndarray) -> np.ndarray | None:
         """Return a field on the whole lattice, joined from its parts, on the first process, and None on the others.
@@ -310,73 +288,83 @@ class ProcessGroup:
         field : ndarray
             Its last axes are those of the lattice.
         """
-        every = self.gathered_by_first((lattice.first, field))
-        if every is None:
+        parts: list[tuple[Any, np.ndarray]] | None = [(lattice.first, field)]
+        if self._communicator is not None:
+            self.gather(None)  # a process that has failed makes no further calls
+            parts = self._communicator.gather((lattice.first, field))
+        if parts is None:
             return None
-        whole = np.zeros((*field.shape[: -lattice.dim], *lattice.whole.shape), field.dtype)
-        for first, part in every:
+        joined = np.zeros((*field.shape[: -lattice.dim], *lattice.whole.shape), field.dtype)
+        for first, part in parts:
             box = tuple(slice(a, a + n) for a, n in zip(first, part.shape[-lattice.dim :], strict=True))
             place: tuple[Any, ...] = (..., *box)
-            whole[place] = part
-        return whole
+            joined[place] = part
+        return joined
 
     def all_to_all(self, values: Sequence[Any]) -> list[Any]:
-        """Return what each process has for this one; `values` are what this one has for each. All processes must call
-        it.
-        """
-        if self._all is None:
+        """Return what each process has for this one, given what this one has for each."""
+        if self._communicator is None:
             return list(values)
         self.gather(None)  # a process that has failed makes no further calls
-        return list(self._all.alltoall(values))
+        return list(self._communicator.alltoall(values))
 
-    def send_receive(self, value: Any, to: int, of: int) -> Any:
-        """Return the value that the process `of` sends to this one, while this one sends `value` to the process `to`;
-        -1 stands for no process. All processes must call it.
+    def halos(
+        self, values: np.ndarray, axis: int, width: int, below: int, above: int
+    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return the next `width` layers of values along an axis, before the first and after the last one here, from
+        the neighbours with these ranks; None where there is none (-1). A neighbour may be this process: then the axis
+        repeats itself, if need be several times.
         """
+        lowest, highest = (np.take(values, ends, axis, mode="wrap") for ends in (range(width), range(-width, 0)))
+        return self._shifted(highest, above, below), self._shifted(lowest, below, above)
+
+    def _shifted(self, value: Any, to: int, of: int) -> Any:
+        """Return the value that the process `of` sends to this one, while this one sends `value` to the process `to`;
+        -1 stands for no process.
+        """
+        if self._communicator is None:
+            return None if of < 0 else value
         from mpi4py import MPI
 
-        assert self._all is not None
         self.gather(None)  # a process that has failed makes no further calls
         dest, source = (MPI.PROC_NULL if number < 0 else number for number in (to, of))
-        return self._all.sendrecv(value, dest=dest, source=source)
+        return self._communicator.sendrecv(value, dest=dest, source=source)
 
-    def end_all(self, error: BaseException, tell: Callable[[], int]) -> None:
-        """If this process has failed alone, end all, which would wait for it for ever, with the exit code that `tell`
+    def end_all(self, error: BaseException, report: Callable[[], int]) -> None:
+        """If this process has failed alone, end all, which would wait for it for ever, with the exit code that `report`
         returns after it has reported the error.
         """
         if self.knows(error):
             return
         if self.number:
-            time.sleep(1.0)  # an error that all met at once is reported by the first
+            time.sleep(_HEAD_START)
         code = 1
         try:
-            code = tell()
+            code = report()
         finally:
             sys.stderr.flush()
-            assert self._all is not None
-            self._all.Abort(code)
+            assert self._communicator is not None
+            self._communicator.Abort(code)
 
     # --- for compiled code ----------------------------------------------------------------------------------------
 
     @property
     def link(self) -> Link:
         """Addresses and handles by which compiled code communicates with the other processes."""
-        if self._all is None:
+        if self._communicator is None:
             return Link((0, 0, 0, 0), 0, 0, False, 0)
         from mpi4py import MPI
 
         # compiled code checks no error codes: after an error it would wait for ever
-        self._all.Set_errhandler(MPI.ERRORS_ARE_FATAL)
+        self._communicator.Set_errhandler(MPI.ERRORS_ARE_FATAL)
         library = ctypes.CDLL(MPI.__file__)
         sends, receives, waits, tests = (
             int(ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0)
             for name in ("MPI_Isend", "MPI_Irecv", "MPI_Waitall", "MPI_Testall")
         )
         functions = sends, receives, waits, tests
-        return Link(functions, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number, self._agree)
-
-    def _agree(self, numbers: tuple[int, ...]) -> None:
-        self.gather(None, numbers)
+        handles = _handle(self._communicator), _handle(MPI.BYTE)
+        return Link(functions, *handles, _wide(), self.number, lambda numbers: self.gather(None, numbers))
 
     def threads(self) -> int:
         """Return the number of threads for each process unless one is given: those of its machine, divided among the
@@ -384,16 +372,16 @@ class ProcessGroup:
         """
         from farhorizon.engine.engine import available_threads
 
-        if self._all is None:
+        if self._communicator is None:
             return available_threads()
         import platform
 
         cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-        mine = platform.node(), tuple(cores)
-        return max(1, available_threads() // self.gather(mine).count(mine))
+        processors = platform.node(), tuple(cores)
+        return max(1, available_threads() // self.gather(processors).count(processors))
 
 
-#: The team of a single process.
+#: The group of a single process.
 ALONE = ProcessGroup()
 
 
@@ -401,15 +389,15 @@ def _entries(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield values by their keys, those in mappings and tuples one by one."""
     for key, value in given.items():
         if isinstance(value, Mapping):
-            yield from ((f"{key}.{name}", one) for name, one in value.items())
+            yield from ((f"{key}.{name}", entry) for name, entry in value.items())
         elif isinstance(value, tuple):
-            yield from ((f"{key}[{i}]", one) for i, one in enumerate(value))
+            yield from ((f"{key}[{i}]", entry) for i, entry in enumerate(value))
         else:
             yield key, value
 
 
 def _place() -> str:
-    """Return what the program has called in the package, and from which line of this a team was called."""
+    """Return what the program has called in the package, and from which line of this a group was called."""
     frame, outer, inner = sys._getframe(1), "", ""
     while frame is not None:
         code, module = frame.f_code, str(frame.f_globals.get("__name__", ""))
@@ -430,40 +418,41 @@ def _of_the_same(communicator: Any, other: Any) -> bool:
     return bool(MPI.Comm.Compare(communicator, other) in (MPI.IDENT, MPI.CONGRUENT))
 
 
-_PROCESS_GROUPS: list[ProcessGroup] = []  # of several processes, in the order in which all of them were made
-_PARTING = 2.0  # seconds for which a process that ends waits for the others; then MPI does, as at any end
+_GROUPS: list[ProcessGroup] = []  # of several processes, in the order in which all of them were made
 
 
-def _end_together(team: ProcessGroup) -> None:
-    """From now on, let an error that no part of a program has handled end all processes of the latest team, reported
+def _end_together(group: ProcessGroup) -> None:
+    """From now on, let an error that no part of a program has handled end all processes of the latest group, reported
     once, by the process that has met it; and let a process that has ended be missed by those that wait for it.
     """
-    _PROCESS_GROUPS.append(team)
-    if len(_PROCESS_GROUPS) > 1:
+    _GROUPS.append(group)
+    if len(_GROUPS) > 1:
         return
-    before = sys.excepthook
+    show = sys.excepthook
 
     def hook(kind: type[BaseException], error: BaseException, trace: Any) -> None:
-        def tell() -> int:
-            before(kind, error, trace)
-            return 130 if kind is KeyboardInterrupt else 1 + isinstance(error, InputError)
+        def report() -> int:
+            show(kind, error, trace)
+            return 130 if kind is KeyboardInterrupt else 1 + isinstance(error, InputError)  # the command line's codes
 
         if not getattr(error, "told", False):
-            _PROCESS_GROUPS[-1].end_all(error, tell)
-            tell()
+            _GROUPS[-1].end_all(error, report)
+            report()
 
     sys.excepthook = hook
     atexit.register(_part)
 
 
 def _part() -> None:
-    waiting = [request for team in _PROCESS_GROUPS if (request := team.leave()) is not None]
-    began = time.monotonic()
-    while not all([request.Test() for request in waiting]) and time.monotonic() - began < _PARTING:
+    """Leave all groups, and wait a moment until the others have noticed."""
+    requests = [request for group in _GROUPS if (request := group._leave()) is not None]
+    start = time.monotonic()
+    while not all([request.Test() for request in requests]) and time.monotonic() - start < _PARTING:
         time.sleep(_NAP)
 
 
 def _wide() -> bool:
+    """Whether handles of this MPI are pointers instead of integers of four bytes."""
     from mpi4py import MPI
 
     return int(MPI._sizeof(MPI.Comm)) == 8

@@ -1,4 +1,4 @@
-"""Share of one process in a run: its own set-up on a box of the lattice."""
+"""Subdomain of one process in a run: its own set-up on a box of the lattice; and which runs can be divided."""
 
 from __future__ import annotations
 
@@ -21,14 +21,13 @@ from farhorizon.inputs.specimens import check_held
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.processes.load_balance import cost_along
+from farhorizon.simulation.processes.load_balance import cost_along, varies
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.recorder import Observer, Recorder, recorders_given
 from farhorizon.simulation.setup.near_field import Extremes, NearField
 from farhorizon.simulation.setup.reference_medium import ReferenceMedium
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name, within_part, wrapping
-from farhorizon.simulation.sides.layered_sides import LayeredSides
-from farhorizon.simulation.sides.layers import with_one_filter
+from farhorizon.simulation.sides.layered_sides import LayeredSides, with_one_filter
 
 #: Work of a node of a layer relative to one of the near field.
 _LAYER = 2.0
@@ -38,29 +37,14 @@ _CHOSEN = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Subdomain:
-    """What one process computes.
+    """What one process computes."""
 
-    Attributes
-    ----------
-    setup : Setup
-        Set-up on a box of the lattice, with the time step and the layers of the whole run.
-    decomposition : Decomposition
-    neighbours : dict of (axis, side) to int
-        Process that fills the halo at each side, -1 for none, for the axes along which any does.
-    reference_medium : ReferenceMedium
-        Uniform medium relative to which that of the whole run varies.
-    whole : Extremes
-        Extremes of the near field on all processes.
-    boundary : dict of str to Side
-        Sides of the whole run by name, with their layers.
-    """
-
-    setup: Setup
+    setup: Setup  # on a box of the lattice, with the time step and the layers of the whole run
     decomposition: Decomposition
-    neighbours: dict[Key, int]
-    reference_medium: ReferenceMedium
-    whole: Extremes
-    boundary: dict[str, Side]
+    neighbours: dict[Key, int]  # rank that fills the halo at each side, -1 for none, along the axes that have any
+    reference_medium: ReferenceMedium  # of the whole run
+    extremes: Extremes  # of the near field on all processes
+    boundary: dict[str, Side]  # sides of the whole run by name, with their layers
 
     @property
     def sides(self) -> Sides:
@@ -77,41 +61,32 @@ class Subdomain:
         """Number of boxes along the axes, in words: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
 
-    def wider(self, field: np.ndarray, width: int, team: ProcessGroup) -> tuple[Lattice, np.ndarray]:
-        """Extend a field by `width` nodes where other processes have them, except across periodic sides; return the
-        part of the lattice that it then covers, and the field.
-
-        Parameters
-        ----------
-        field : ndarray
-            Its last axes are those of the lattice.
-        width : int
-            At most the number of nodes of a box.
-        team : ProcessGroup
-            All processes, which must call it together.
+    def wider(self, field: np.ndarray, width: int, group: ProcessGroup) -> tuple[Lattice, np.ndarray]:
+        """Extend a field, whose last axes are those of the lattice, by `width` nodes where other processes have them,
+        except across periodic sides; return the part of the lattice that it then covers, and the field. Boxes must not
+        have fewer nodes.
         """
         lattice, boxes = self.setup.lattice, self.decomposition
-        ends = boxes.ranges(team.number)
-        for axis, (count, place) in enumerate(zip(boxes.topology, boxes.place(team.number), strict=True)):
+        ends = boxes.ranges(group.number)
+        for axis, (count, place) in enumerate(zip(boxes.topology, boxes.place(group.number), strict=True)):
             along = field.ndim - lattice.dim + axis
-            outer = {-1: place == 0, 1: place == count - 1}
-            beside = {side: -1 if outer[side] else self.neighbours[axis, side] for side in (-1, 1)}
-            edges = {-1: np.take(field, range(width), along), 1: np.take(field, range(-width, 0), along)}
-            low, high = (team.send_receive(edges[-side], beside[-side], beside[side]) for side in (-1, 1))
-            field = np.concatenate([one for one in (low, field, high) if one is not None], along)
+            below = -1 if place == 0 else self.neighbours[axis, -1]
+            above = -1 if place == count - 1 else self.neighbours[axis, 1]
+            low, high = group.halos(field, along, width, below, above)
+            field = np.concatenate([part for part in (low, field, high) if part is not None], along)
             ends[axis] = ends[axis][0] - width * (low is not None), ends[axis][1] + width * (high is not None)
         return lattice.whole.part(ends), field
 
-    def check_places(self, team: ProcessGroup) -> None:
+    def check_places(self, group: ProcessGroup) -> None:
         """Refuse bodies, tractions and specimens that have no node on any process."""
         part, sides = self.setup.lattice, self.setup.sides
-        check_any(part.mask is None or team.any(bool(part.mask.any())))
+        check_any(part.mask is None or group.any(bool(part.mask.any())))
         for number, specimen in enumerate(self.setup.specimens):
             key = f"specimen[{number}]"
-            check_held(team.any(bool(specimen.nodes(part, key).any())), key)
+            check_held(group.any(bool(specimen.nodes(part, key).any())), key)
         for number, load in enumerate(self.setup.loads):
             key = f"load[{number}]"
-            if isinstance(load, Traction) and not team.any(bool(force_density(load, part, sides, key).any())):
+            if isinstance(load, Traction) and not group.any(bool(force_density(load, part, sides, key).any())):
                 raise InputError("the traction meets no node", value=load.between, key=key, remedy="a wider load")
 
 
@@ -120,70 +95,45 @@ def subdomain_of(
     reference_medium: ReferenceMedium,
     layered: LayeredSides,
     near: NearField,
-    team: ProcessGroup,
+    group: ProcessGroup,
     topology: Sequence[int] | None,
 ) -> Subdomain:
-    """Return the share of this process.
-
-    Parameters
-    ----------
-    setup : Setup
-        Set-up of the whole run.
-    reference_medium : ReferenceMedium
-    layered : LayeredSides
-        Its sides with their layers.
-    near : NearField
-        Near field of the whole run, as far as it is known without examining the nodes.
-    team : ProcessGroup
-    topology : sequence of int, optional
-        Number of boxes along each axis.
-
-    Raises
-    ------
-    InputError
-        As for `farhorizon.geometry.decomposition.decompose`.
+    """Return the subdomain of this process, given the set-up of the whole run, its sides with their layers, and its
+    near field as far as it is known without examining the nodes; raises InputError as `decompose` does.
     """
-    lattice, boxes = setup.lattice, boxes_of(setup, reference_medium.model, layered, team.size, topology, team)
+    lattice, boxes = setup.lattice, boxes_of(setup, reference_medium.model, layered, group.size, topology, group)
     layered = replace(layered, layers=with_one_filter(layered.layers, near.rate_limit, near.dt, lattice.dim))
-    ranges, place = boxes.ranges(team.number), boxes.place(team.number)
-    whole_sides, sides = _chosen(layered), {}
-    for (axis, side), boundary in layered.sides.items():
-        outer = place[axis] == (0 if side < 0 else boxes.topology[axis] - 1)
-        alone = boxes.topology[axis] == 1
-        own_side = alone or (outer and not boundary.periodic)
-        sides[side_name(axis, side)] = whole_sides[side_name(axis, side)] if own_side else Neighbour()
+    ranges, place = boxes.ranges(group.number), boxes.place(group.number)
+    boundary, sides = layered.as_given(), {}
+    for (axis, side), given in layered.sides.items():
+        name, count = side_name(axis, side), boxes.topology[axis]
+        outer = place[axis] == (0 if side < 0 else count - 1)
+        sides[name] = boundary[name] if count == 1 or (outer and not given.periodic) else Neighbour()
     part = lattice.part(ranges)
 
-    def own(value: Any) -> Any:
+    def within(value: Any) -> Any:
         return within_part(value, lattice, part.within)
 
-    mine = replace(
+    of_part = replace(
         setup,
         lattice=part,
         boundary=sides,
         dt=near.dt,
-        threads=team.threads() if setup.threads is None else setup.threads,
-        initial={name: own(value) for name, value in (setup.initial or {}).items()},
+        threads=group.threads() if setup.threads is None else setup.threads,
+        initial={name: within(value) for name, value in (setup.initial or {}).items()},
         sources=tuple(
-            replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
+            replace(source, value=within(source.value)) if isinstance(source, Source) else within(source)
+            for source in setup.sources
         ),
-        specimens=tuple(replace(one, where=own(one.where)) for one in setup.specimens),
+        specimens=tuple(replace(specimen, where=within(specimen.where)) for specimen in setup.specimens),
         loads=tuple(
-            _load_on(part, one, number, setup, reference_medium.model) for number, one in enumerate(setup.loads)
+            _load_on(part, load, number, setup, reference_medium.model) for number, load in enumerate(setup.loads)
         ),
     )
-    subdomain = Subdomain(mine, boxes, boxes.neighbours(team.number), reference_medium, near.extremes, whole_sides)
-    subdomain.check_places(team)
+    neighbours = boxes.neighbours(group.number)
+    subdomain = Subdomain(of_part, boxes, neighbours, reference_medium, near.extremes, boundary)
+    subdomain.check_places(group)
     return subdomain
-
-
-def _chosen(layered: LayeredSides) -> dict[str, Side]:
-    """Return the sides by name, with the layers as chosen."""
-    found = {}
-    for key, side in layered.sides.items():
-        layer = layered.layers.get(key)
-        found[side_name(*key)] = side if layer is None else replace(side, nodes=layer.columns, profile=layer)
-    return found
 
 
 def boxes_of(
@@ -192,26 +142,26 @@ def boxes_of(
     layered: LayeredSides,
     processes: int,
     topology: Sequence[int] | None = None,
-    team: ProcessGroup = ALONE,
+    group: ProcessGroup = ALONE,
     work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """Return the boxes of `processes` processes, see `subdomain_of`; `work` is the work along the axes, if already
-    known.
+    """Return the boxes of `processes` processes, given the reference medium; `work` is the work along the axes, if
+    already known.
     """
     lattice, stencil = setup.lattice, model.medium(setup.lattice.spacing, setup.lattice.dim)
     filtered = max((len(layer.taps) - 1 for layer in layered.layers.values() if layer.filtered), default=1)
     beyond, wraps = cost_beyond(layered, stencil, lattice), wrapping(layered.sides)
-    work = cost_along(setup, model, beyond, team) if work is None else work
+    work = cost_along(setup, model, beyond, group) if work is None else work
     return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered, work)
 
 
 def cost_beyond(layered: LayeredSides, stencil: Stencil, lattice: Lattice) -> dict[Key, float]:
-    """Return the cost of each side, as an equivalent number of nodes along its axis."""
-    found = {}
-    for key in layered.sides:
-        layer = layered.layers.get(key)
-        found[key] = layered.width(key, stencil, lattice.spacing) + (0 if layer is None else _LAYER * layer.columns)
-    return found
+    """Return the work beyond each side, as an equivalent number of nodes along its axis."""
+    return {
+        key: layered.width(key, stencil, lattice.spacing)
+        + (_LAYER * layered.layers[key].columns if key in layered.layers else 0)
+        for key in layered.sides
+    }
 
 
 def _load_on(part: Lattice, load: Any, number: int, setup: Setup, model: LatticeModel) -> Any:
@@ -227,19 +177,10 @@ def _load_on(part: Lattice, load: Any, number: int, setup: Setup, model: Lattice
     return replace(load, **{name: within_part(getattr(load, name), lattice, part.within) for name in names})
 
 
-def _missing(what: str, key: str) -> InputError:
-    return InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
-
-
 def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
-    """Refuse, before any work, what cannot run on several processes, recorders included.
-
-    Raises
-    ------
-    InputError
-    """
-    recorders = [one for one in observers if isinstance(one, Recorder) and not one.shared]
-    varies = _varies(setup)
+    """Refuse, with InputError and before any work, what cannot run on several processes, recorders included."""
+    recorders = [observer for observer in observers if isinstance(observer, Recorder) and not observer.shared]
+    damped = any(side.damped for side in setup.sides.values())
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
         (
@@ -247,11 +188,11 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
             "load",
             setup.heat is not None and setup.heat.coupled,
         ),
-        ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
+        ("sponges beside media that vary", "boundary", varies(setup) and damped),
     ]
     for what, key, given in refused:
         if given:
-            raise _missing(what, key)
+            raise InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
     for at, side in setup.sides.items():
         if why := _of_one_process(side):
             raise InputError(
@@ -276,14 +217,12 @@ def _of_one_process(side: Side) -> str:
 
 
 def check_choosable(setup: Setup) -> None:
-    """Refuse, before any work, layers that would be chosen for more data than the first process can hold.
-
-    Raises
-    ------
-    InputError
+    """Refuse, with InputError and before any work, layers that would be chosen for more data than the first process can
+    hold.
     """
     nodes = int(np.prod(setup.lattice.shape))
-    if chooses(setup.sides) and nodes > _CHOSEN:
+    chooses = any(side.stretched and side.profile is None and side.open_ended for side in setup.sides.values())
+    if chooses and nodes > _CHOSEN:
         raise InputError(
             "layers choose their thickness by looking at all data, which no process has on so large a lattice",
             value=f"{nodes:.3g} nodes",
@@ -293,25 +232,12 @@ def check_choosable(setup: Setup) -> None:
         )
 
 
-def _varies(setup: Setup) -> bool:
-    return bool(setup.model.varying) or setup.coefficient is not None
-
-
-def chooses(sides: Sides) -> list[Key]:
-    """Return the sides whose layers are chosen for the data and the length of the run."""
-    return [key for key, side in sides.items() if side.stretched and side.profile is None and side.open_ended]
-
-
-def check_given(setup: Setup, observe: Any, topology: Any, team: ProcessGroup) -> list[int] | None:
-    """Return the checked topology of a run, and refuse arguments that differ between processes. Each may have the
-    threads of its machine, and observers of its own, except for recorders.
-
-    Raises
-    ------
-    InputError
+def check_given(setup: Setup, observe: Any, topology: Any, group: ProcessGroup) -> list[int] | None:
+    """Return the checked topology of a run, and refuse, with InputError, arguments that differ between processes. Each
+    may have the threads of its machine, and observers of its own, except for recorders.
     """
     given = {name: value for name, value in setup.arguments.items() if name != "threads"}
-    team.alike({**given, "topology": topology, "observe": recorders_given(observe)})
+    group.alike({**given, "topology": topology, "observe": recorders_given(observe)})
     return checked_topology(topology)
 
 

@@ -19,7 +19,7 @@ from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.heat.heating import Heating
+from farhorizon.simulation.heat.thermal_strains import ThermalStrains
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.fourier_sums import BLOCK
 from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordRequest, StepValues
@@ -127,7 +127,7 @@ class Recording:
         parts: Parts,
         recorders: Sequence[Recorder] = (),
         team: ProcessGroup = ALONE,
-        heating: Heating | None = None,
+        heating: ThermalStrains | None = None,
     ) -> None:
         self._heating = heating
         self._near, self._grid, self.recorders, self._team = parts.near, parts.grid, list(recorders), team

@@ -1,6 +1,8 @@
-"""Media that vary: the uniform host medium relative to which they do, and quantities that depend on the whole medium.
+"""Media that vary: the uniform reference medium, that of the node whose speed is the median, their contrast to it, and
+what else depends on the whole medium; several processes evaluate a box of the lattice each.
 
-In a run on several processes, each evaluates a box of the lattice, and they exchange their results.
+Where most nodes belong to one medium, it is the reference, whatever is stiffer or softer: incident waves, shells and
+far fields live in it.
 """
 
 from __future__ import annotations
@@ -29,29 +31,18 @@ _EVEN = ("stiffness", "density")  # parts of a variation that may turn out to be
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMedium:
-    """The uniform medium relative to which a medium varies.
-
-    Attributes
-    ----------
-    model : LatticeModel
-    outside : dict of str to float
-        Constants outside a body, where none are given.
-    even : tuple of str
-        Names of those parts of `Variation` that do not vary after all.
-    """
+    """The uniform medium relative to which a medium varies."""
 
     model: LatticeModel
-    outside: Mapping[str, float]
-    even: tuple[str, ...]
+    outside: Mapping[str, float]  # constants outside a body, where none are given
+    even: tuple[str, ...]  # names of those parts of `Variation` that do not vary after all
 
     def uniform(self, setup: Setup) -> Setup:
         """Return a set-up with this medium everywhere."""
         return replace(setup, model=self.model, rule=setup.bond_rule) if setup.model.varying else setup
 
     def variation_of(self, setup: Setup) -> Variation:
-        """Return the variation of the medium of a set-up, or of a part of it, relative to this one; raises InputError
-        as `reference_and_variation` does.
-        """
+        """Return the variation of the medium of a set-up, or of a part of it, relative to this one."""
         return self.varying(_filled(constants_of(setup), setup.lattice, self.outside))
 
     def varying(self, values: Mapping[str, np.ndarray]) -> Variation:
@@ -60,70 +51,48 @@ class ReferenceMedium:
 
 
 class Contrast(NamedTuple):
-    """Squared speeds and frequencies of a varying medium over those of the uniform host medium.
+    """Squared speeds and frequencies of a varying medium over those of the reference medium."""
 
-    Attributes
-    ----------
-    strongest, weakest : float
-        Largest squared speed of waves, and the smallest one where there are bonds; if no density varies, factors on
-        bonds.
-    fastest : float
-        Upper bound of the factor on squared frequencies.
-    sides : dict of (axis, side) to float
-        Largest squared speed within one reach of each side: a layer is made for the fastest waves that it meets.
-    closing : float
-        Largest contribution of closing bonds to the largest value of the symbol, for materials with states.
-    lame : float or None
-        Largest ratio of Lame's constant to the P modulus at the sides with layers; None where it does not vary.
-    """
-
-    strongest: float
-    weakest: float
-    fastest: float
-    sides: dict[Key, float]
-    closing: float
-    lame: float | None = None
+    strongest: float  # largest squared speed of waves; if no density varies, largest factor on bonds
+    weakest: float  # the smallest one where there are bonds
+    fastest: float  # upper bound of the factor on squared frequencies
+    sides: dict[Key, float]  # largest squared speed within one reach of each side: a layer is made for it
+    closing: float  # largest contribution of closing bonds to the largest value of the symbol, with force states
+    lame: float | None = None  # largest Lame's constant / P modulus at sides with layers; None if it does not vary
 
 
 def varied(setup: Setup) -> tuple[Setup, Variation]:
-    """Return a set-up with a uniform model, and the variation relative to it; raises InputError as
-    `reference_and_variation` does.
-    """
+    """Return a set-up with a uniform model, and the variation relative to it."""
     reference_medium, variation = reference_and_variation(setup, ALONE)
     return reference_medium.uniform(setup), variation
 
 
-def reference_and_variation(setup: Setup, team: ProcessGroup) -> tuple[ReferenceMedium, Variation]:
-    """Return the host medium of a set-up, and the variation relative to it in the box of the lattice that this process
-    evaluates.
-
-    Raises
-    ------
-    InputError
-        Constants that are not positive, or of the wrong shape; a reaction without a definite strength.
+def reference_and_variation(setup: Setup, group: ProcessGroup) -> tuple[ReferenceMedium, Variation]:
+    """Return the reference medium of a set-up, and the variation relative to it in the box of the lattice that this
+    process evaluates.
     """
-    boxes = decompose(setup.lattice.shape, team.size, (1,) * setup.lattice.dim, {}, frozenset())
-    part = replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))) if team else setup
+    boxes = decompose(setup.lattice.shape, group.size, (1,) * setup.lattice.dim, {}, frozenset())
+    part = replace(setup, lattice=setup.lattice.part(boxes.ranges(group.number))) if group else setup
     lattice, outside, constants = part.lattice, dict[str, float](), dict[str, float]()
     values = constants_of(part)
     if lattice.existing is not None:
-        there = np.flatnonzero(lattice.existing)
-        check_any(team.any(bool(there.size)))
+        nodes = np.flatnonzero(lattice.existing)
+        check_any(group.any(bool(nodes.size)))
         for name, value in values.items():
-            outside |= _middle(value.ravel()[there], {name: value.ravel()[there]}, there, lattice, team)
+            outside |= _median(value.ravel()[nodes], {name: value.ravel()[nodes]}, nodes, lattice, group)
         values = _filled(values, lattice, outside)
     for order, of_nodes in setup.model.ordered(values):
-        constants |= _middle(order.ravel(), of_nodes, np.arange(order.size), lattice, team)
+        constants |= _median(order.ravel(), of_nodes, np.arange(order.size), lattice, group)
     reference_medium = ReferenceMedium(setup.model.with_constants(constants) if values else setup.model, outside, ())
-    varies = {name for every in team.gather(_unlike_one(reference_medium.varying(values))) for name in every}
+    varies = {name for names in group.gather(_unlike_one(reference_medium.varying(values))) for name in names}
     reference_medium = replace(reference_medium, even=tuple(name for name in _EVEN if name not in varies))
     _check_reaction(reference_medium.model, lattice, varies)
     return reference_medium, reference_medium.varying(values)
 
 
 def _check_reaction(model: LatticeModel, lattice: Lattice, varies: Collection[str]) -> None:
-    """Refuse a reaction where its strength at a node would depend on which medium is in the middle of all: that of a
-    stencil, in units of its bonds, where they vary; any, per mass, where the density does.
+    """Refuse a reaction where its strength at a node would depend on which medium is the reference: that of a stencil,
+    in units of its bonds, where they vary; any, per mass, where the density does.
     """
     if not varies:
         return
@@ -139,12 +108,8 @@ def _check_reaction(model: LatticeModel, lattice: Lattice, varies: Collection[st
 
 
 def constants_of(setup: Setup) -> dict[str, np.ndarray]:
-    """Return those of the model's constants that vary, at the nodes of a lattice or of a part of it.
-
-    Raises
-    ------
-    InputError
-        As in `reference_and_variation`.
+    """Return those of the model's constants that vary, at the nodes of a lattice or of a part of it; raises InputError
+    if they are not positive, or of the wrong shape.
     """
     lattice, values = setup.lattice, {}
     for name, value in setup.model.varying.items():
@@ -161,41 +126,32 @@ def node_factor(setup: Setup) -> np.ndarray | None:
     """
     if setup.coefficient is None:
         return None
-    lattice, own = setup.lattice, (slice(None),) * setup.lattice.dim
+    lattice, inside = setup.lattice, (slice(None),) * setup.lattice.dim
     held = setup.rim == "fixed" and lattice.body is not None
     if held:  # the nearest node may belong to another part
         stencil = setup.model.medium(lattice.spacing, lattice.dim)
-        lattice, own = lattice.around([_to_nearest(m, lattice.dim) for m in stencil.reach])
+        lattice, inside = lattice.around([_to_nearest(m, lattice.dim) for m in stencil.reach])
     factor = _on_part(setup.coefficient, lattice, "coefficient")
     if (factor < 0).any():
         raise InputError(
             "a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient"
         )
-    return _to_rim(factor, lattice)[own] if held else factor
+    return _to_rim(factor, lattice)[inside] if held else factor
 
 
 def contrast_in(
-    setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Variation, team: ProcessGroup = ALONE
+    setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Variation, group: ProcessGroup = ALONE
 ) -> Contrast:
-    """Return the pace of a medium that varies in boxes of a lattice, of which each process has its own.
-
-    Parameters
-    ----------
-    setup : Setup
-        Set-up of the box of this process, with a uniform model.
-    boxes : Decomposition
-    stencil : Stencil
-    variation : Variation
-        Variation in this box.
-    team : ProcessGroup
+    """Return the contrast of a medium that varies, of which each process has a box: its set-up, with a uniform model,
+    and the variation there.
     """
     speeds, lattice, strongest = variation.squared_speed, setup.lattice, setup.model.strongest
     keys = [(axis, side) for axis in range(lattice.dim) for side in (-1, 1)]
     states = None if setup.model.bond_law is None else setup.model.force_states(lattice.spacing, lattice.dim)
-    closing = 0.0 if states is None else closing_rate(states, _softest(variation, team))
+    closing = 0.0 if states is None else closing_rate(states, _softest(variation, group))
     if speeds is None:
         return Contrast(strongest, 1.0, strongest, dict.fromkeys(keys, 1.0), strongest * closing)
-    strongest = team.largest(float(speeds.max()))
+    strongest = group.largest(float(speeds.max()))
     if strongest == 0:
         raise InputError(
             "the coefficient is zero everywhere: there is no medium",
@@ -204,25 +160,25 @@ def contrast_in(
             key="coefficient",
             remedy="leave it out, or a factor that is zero in a part of the medium alone",
         )
-    weakest = -team.largest(-float(speeds.min(where=speeds > 0, initial=strongest)))
+    weakest = min(group.gather(float(speeds.min(where=speeds > 0, initial=strongest))))
     fastest = strongest
     if variation.density is not None:
         stiff = np.ones(lattice.shape) if variation.stiffness is None else variation.stiffness
-        stiff, heavy = (_grown(values, boxes, stencil.reach, team) for values in (stiff, variation.density))
-        fastest = team.largest(lightest_bond(stiff, heavy, stencil.offsets, setup.bond_rule))
+        stiff, heavy = (_widened(values, boxes, stencil.reach, group) for values in (stiff, variation.density))
+        fastest = group.largest(lightest_bond(stiff, heavy, stencil.offsets, setup.bond_rule))
         if closing:  # the two ends may differ in their P-wave moduli
-            closing *= team.largest(lightest_bond(stiff, heavy, stencil.offsets, "arithmetic"))
+            closing *= group.largest(lightest_bond(stiff, heavy, stencil.offsets, "arithmetic"))
     else:
         closing *= strongest
-    beside = {key: team.largest(_largest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
-    sides = {key: found or strongest or 1.0 for key, found in beside.items()}
+    at_sides = {key: group.largest(_largest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
+    sides = {key: speed or strongest or 1.0 for key, speed in at_sides.items()}
     fastest *= setup.model.strongest
     return Contrast(
-        strongest, weakest, fastest, sides, closing, _lame_beside_layers(setup, variation, stencil.reach, team)
+        strongest, weakest, fastest, sides, closing, _lame_beside_layers(setup, variation, stencil.reach, group)
     )
 
 
-def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int], team: ProcessGroup) -> float | None:
+def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int], group: ProcessGroup) -> float | None:
     """Return the largest ratio of Lame's constant to the P modulus within one reach of the sides with layers: the
     nearer a solid is to a fluid, the longer and stronger are its backward waves, which its layers must damp.
     """
@@ -230,15 +186,15 @@ def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int]
         return None
     ratio = variation.lame[0] / (variation.lame[0] + 2 * variation.lame[1])
     layered = [key for key, side in setup.sides.items() if side.stretched or side.undecided]
-    beside = [team.largest(_largest_at(ratio, setup.lattice, reach, *key, initial=-1.0)) for key in layered]
-    return max(beside, default=None)
+    ratios = [group.largest(_largest_at(ratio, setup.lattice, reach, *key, initial=-1.0)) for key in layered]
+    return max(ratios, default=None)
 
 
-def _softest(variation: Variation, team: ProcessGroup) -> float:
+def _softest(variation: Variation, group: ProcessGroup) -> float:
     """Return the smallest ratio of the springs beside the states to the P-wave modulus, over that of the model."""
     if variation.springs is None or variation.stiffness is None:
         return 1.0
-    return -team.largest(-float((variation.springs / variation.stiffness).min()))
+    return min(group.gather(float((variation.springs / variation.stiffness).min())))
 
 
 def _largest_at(
@@ -247,27 +203,21 @@ def _largest_at(
     """Return the largest value within one reach of a side of the whole lattice, but at least `initial`."""
     first, last = part.first[axis], part.first[axis] + part.shape[axis]
     low, high = (0, reach[axis] + 1) if side < 0 else (part.whole.shape[axis] - reach[axis] - 1, last)
-    there = slice(max(low - first, 0), max(min(high, last) - first, 0))
-    return float(np.moveaxis(values, axis, 0)[there].max(initial=initial))
+    strip = slice(max(low - first, 0), max(min(high, last) - first, 0))
+    return float(np.moveaxis(values, axis, 0)[strip].max(initial=initial))
 
 
-def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team: ProcessGroup) -> np.ndarray:
+def _widened(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], group: ProcessGroup) -> np.ndarray:
     """Extend values by one reach beyond each edge of a box: by those of other processes; beyond the edges of the
     lattice by the values there, or periodically.
     """
-    neighbours = boxes.neighbours(team.number)
-    for axis, (count, m) in enumerate(zip(boxes.topology, reach, strict=True)):
-        periodic = axis in boxes.periodic
-        if count == 1:
-            widths = [(m, m) if a == axis else (0, 0) for a in range(values.ndim)]
-            values = np.pad(values, widths, mode="wrap" if periodic else "edge")
-            continue
-        to, of = neighbours[axis, -1], neighbours[axis, 1]
-        lowest, highest = (np.take(values, range(*ends), axis) for ends in ((0, m), (-m, 0)))
-        above, below = team.send_receive(lowest, to, of), team.send_receive(highest, of, to)
-        edges = (np.take(values, [end] * m, axis) for end in (0, -1))
-        ends = (edge if halo is None else halo for edge, halo in zip(edges, (below, above), strict=True))
-        values = np.concatenate([next(ends), values, next(ends)], axis)
+    neighbours = boxes.neighbours(group.number)
+    for axis, m in enumerate(reach):
+        halos = group.halos(values, axis, m, *(neighbours.get((axis, side), -1) for side in (-1, 1)))
+        low, high = (
+            np.take(values, [end] * m, axis) if halo is None else halo for end, halo in zip((0, -1), halos, strict=True)
+        )
+        values = np.concatenate([low, values, high], axis)
     return values
 
 
@@ -291,36 +241,27 @@ def _filled(values: dict[str, np.ndarray], lattice: Lattice, outside: Mapping[st
     return {name: np.where(lattice.existing, value, outside[name]) for name, value in values.items()}
 
 
-def _middle(
-    order: np.ndarray, values: Mapping[str, np.ndarray], nodes: np.ndarray, lattice: Lattice, team: ProcessGroup
+def _median(
+    order: np.ndarray, values: Mapping[str, np.ndarray], nodes: np.ndarray, lattice: Lattice, group: ProcessGroup
 ) -> dict[str, float]:
-    """Return the values of the median node of all processes; of several with the same key, of the one whose index in
-    the whole lattice is in the middle of theirs.
-
-    Parameters
-    ----------
-    order : ndarray, shape (n,)
-        Keys by which nodes are ordered.
-    values : mapping of str to ndarray
-    nodes : ndarray of int, shape (n,)
-        Flat indices of the nodes in this part of the lattice, in order.
-    lattice : Lattice
-    team : ProcessGroup
+    """Return the values of the median node of all processes by `order`; of several with the same key, of the one whose
+    index in the whole lattice is in the middle of theirs. `nodes` are the flat indices of the nodes in this part of the
+    lattice, in order; all arrays have shape (n,).
     """
     bits = (order + 0.0).view(np.int64)  # adding zero turns -0.0 into 0.0
     keys = np.where(bits < 0, ~bits.view(np.uint64), bits.view(np.uint64) | np.uint64(1 << 63))  # in the same order
     place = np.argsort(keys, kind="stable")
-    rank = int(team.total({"nodes": len(order)})["nodes"]) // 2
-    first, last, rank = _ranked(keys[place], rank, team)
+    rank = sum(group.gather(len(order))) // 2
+    first, last, rank = _ranked(keys[place], rank, group)
     alike = place[first:last]
     at = np.unravel_index(nodes[alike], lattice.shape)
-    of_whole = [one + first for one, first in zip(at, lattice.first, strict=True)]
-    first, last, _ = _ranked(np.ravel_multi_index(of_whole, lattice.whole.shape).astype(np.uint64), rank, team)
-    mine = {name: float(value.ravel()[alike[first]]) for name, value in values.items()} if last > first else None
-    return next(found for found in team.gather(mine) if found is not None)
+    of_whole = [index + start for index, start in zip(at, lattice.first, strict=True)]
+    first, last, _ = _ranked(np.ravel_multi_index(of_whole, lattice.whole.shape).astype(np.uint64), rank, group)
+    own = {name: float(value.ravel()[alike[first]]) for name, value in values.items()} if last > first else None
+    return next(median for median in group.gather(own) if median is not None)
 
 
-def _ranked(keys: np.ndarray, rank: int, team: ProcessGroup) -> tuple[int, int, int]:
+def _ranked(keys: np.ndarray, rank: int, group: ProcessGroup) -> tuple[int, int, int]:
     """Find the key of a given rank among the keys of all processes; `keys` (uint64, in order) are those of this one.
     Returns the first and end index of the keys here that equal it, and its rank among all equal ones.
 
@@ -330,7 +271,7 @@ def _ranked(keys: np.ndarray, rank: int, team: ProcessGroup) -> tuple[int, int, 
     for shift in range(56, -1, -8):
         starts = np.uint64(start) + (np.arange(256, dtype=np.uint64) << np.uint64(shift))
         ends = np.append(first + np.searchsorted(keys[first:last], starts), last)
-        counts = team.summed(np.diff(ends))
+        counts = group.summed(np.diff(ends))
         before = np.cumsum(counts) - counts
         digit = int(np.searchsorted(before, rank, side="right")) - 1
         rank -= int(before[digit])

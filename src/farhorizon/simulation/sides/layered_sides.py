@@ -1,4 +1,4 @@
-"""The surroundings of a near field: layers and other nodes beyond its sides, and the memory that a run needs."""
+"""The exterior of a near field: layers and other nodes beyond its sides, and the memory that a run needs."""
 
 from __future__ import annotations
 
@@ -9,37 +9,29 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.extent import Extent
+from farhorizon.analysis.layers.profiles import weak
+from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
+
+_LITTLE = 0.3  # largest damping in two steps for which the filter is applied only in every second step
+_TURN = 0.2  # and largest fraction of a period by which the fastest wave may advance in a step
 
 
 @dataclass(frozen=True, eq=False)
 class LayeredSides:
-    """The sides of a near field and what has been chosen for them.
-
-    Attributes
-    ----------
-    sides : dict of (axis, side) to Side
-    coefficients : dict of (axis, side) to float
-        Squared speed or diffusivity of the medium at each side.
-    layers : dict of (axis, side) to Layer
-    extents : dict of (axis, side) to Extent
-        How far the medium is computed beyond sides that extend it.
-    doubts : list of str
-        Warnings about extended domains that are predicted to miss their targets.
-    undesigned : str
-        Why layers without a target may reflect more than the model's default target; empty if there is no reason.
-    """
+    """The sides of a near field and what has been chosen for them."""
 
     sides: Sides
-    coefficients: dict[Key, float]
+    coefficients: dict[Key, float]  # squared speed or diffusivity of the medium at each side
     layers: dict[Key, Layer]
-    extents: dict[Key, Extent] = field(default_factory=dict)
-    doubts: list[str] = field(default_factory=list)
-    undesigned: str = ""
+    extents: dict[Key, Extent] = field(default_factory=dict)  # of sides that extend the domain
+    doubts: list[str] = field(default_factory=list)  # warnings of extended domains predicted to miss their targets
+    undesigned: str = ""  # why layers without a target may reflect more than the model's default target, if so
 
     def as_given(self) -> dict[str, Any]:
         """Return the sides by name, with their layers as given, so that a run with them chooses nothing."""
@@ -69,15 +61,15 @@ class LayeredSides:
         field has.
         """
         nodes = {key: layer.columns for key, layer in self.layers.items()}
-        for key, b in self.sides.items():
-            if b.endless and not b.stretched:
-                nodes[key] = shape[key[0]] if b.exact or b.extended else self.width(key, stencil, spacing)
+        for key, side in self.sides.items():
+            if side.endless and not side.stretched:
+                nodes[key] = shape[key[0]] if side.exact or side.extended else self.width(key, stencil, spacing)
         return {key: max(n, stencil.reach[key[0]]) for key, n in nodes.items()}
 
 
 def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key, float] | None = None) -> LayeredSides:
-    """Return the surroundings with layers that are given or follow from their targets alone; `faster` is the squared
-    speed of the medium at each side over that of the model.
+    """Return the sides with layers that are given or follow from their targets alone; `faster` is the squared speed of
+    the medium at each side over that of the model.
     """
     lattice, model = setup.lattice, setup.model
     coefficients = {key: model.coefficient * (1.0 if faster is None else faster[key]) for key in sides}
@@ -96,13 +88,71 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key,
     return LayeredSides(sides, coefficients, layers)
 
 
+def undesigned(near: NearField, sides: Sides) -> str:
+    """Return why layers for scalar waves without a target may reflect more than the model's default target; empty if
+    they are made for it.
+
+    The default layers are made for kernels that are symmetric about their axes and whose waves run forward. Backward
+    waves are damped, so that nothing grows, but what is damped is also reflected.
+    """
+    given = {key: side for key, side in sides.items() if side.stretched and side.nodes is not None}
+    untargeted = [side_name(*key) for key, side in given.items() if side.target is None and not side.whole]
+    if not untargeted or near.model.order == 1 or near.stencil.components > 1:
+        return ""
+    if not all(near.stencil.even_along(axis) for axis in range(near.lattice.dim)):
+        why = "the kernel is not symmetric about its axes"
+    elif not weak(high_pass(near.continued)):
+        why = "short waves of this kernel run backward, and the layers damp them"
+    else:
+        return ""
+    return (
+        f"the layers ({', '.join(untargeted)}) have no target, and are not made for {near.model.target:g} of the "
+        f"largest value: {why}; give a target, or measure with 'farhorizon compare'"
+    )
+
+
+def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: int) -> dict[Key, Layer]:
+    """Return the layers of a run with the longest of their filters in common, and with how often it is applied.
+
+    If the damping of short waves is weak, the filter is applied in every second step only, provided that no wave
+    advances by a quarter of a period in a step: at a quarter, a standing wave might have no velocity whenever the
+    filter is applied, and beyond it the filter would alias waves of different frequencies. In 1D it is applied in every
+    step, as the analysis of a line assumes. `rate` is the largest squared frequency. If layers already state how often,
+    as on a process that received them, that is kept.
+    """
+    damped = [layer for layer in layers.values() if layer.filtered]
+    if not damped:
+        return dict(layers)
+    whole, taps = any(layer.whole for layer in damped), max((layer.taps for layer in damped), key=len)
+    most = 2 * dim * dt * max(float(layer.damping.max()) for layer in damped)
+    turn = float(np.arcsin(min(1.0, dt * np.sqrt(rate) / 2)) / np.pi)
+    seldom = dim > 1 and not whole and most <= _LITTLE and turn <= _TURN
+    every = max(layer.every for layer in damped) or 1 + seldom
+    return {
+        key: replace(layer, taps=taps, whole=whole, every=every) if layer.filtered else layer
+        for key, layer in layers.items()
+    }
+
+
+def spreads(sides: Sides, axis: int) -> bool:
+    """Whether the medium continues beyond at least one side along every axis other than this one.
+
+    Between two walls, and along a periodic axis, waves near their cut-off hardly move towards a side and return again
+    and again, and some waves of plates run backward even at low frequencies: in thin layers they grow by 0.01
+    c/spacing.
+    """
+    across = {a for a, _ in sides} - {axis}
+    open_ended = {a for (a, _), side in sides.items() if not side.periodic and not side.image}
+    return bool(across) and across <= open_ended
+
+
 def memory_needed(setup: Setup, stencil: Stencil, layered: LayeredSides) -> float:
     """Return the peak memory in bytes, which is needed during set-up: three levels and the layers' memory once more,
-    and about seven fields besides coordinates.
+    and about seven fields besides coordinates, all of doubles.
     """
     lattice, reach, itemsize = setup.lattice, stencil.reach, np.dtype(setup.dtype).itemsize
-    more = {key: layered.width(key, stencil, lattice.spacing) for key in layered.sides}
-    shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(lattice.shape)]
+    widths = {key: layered.width(key, stencil, lattice.spacing) for key in layered.sides}
+    shape = [n + sum(width for (a, _), width in widths.items() if a == axis) for axis, n in enumerate(lattice.shape)]
     columns = [
         sum(layer.columns for (a, _), layer in layered.layers.items() if a == axis) for axis in range(lattice.dim)
     ]

@@ -15,14 +15,10 @@ from farhorizon.simulation.setup.setup import Sides, side_name
 
 
 def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> OutlineCondition | None:
-    """Return the conditions along the outline; None if there are none.
-
-    Raises
-    ------
-    InputError
-        The nodes that they read are not those of the homogeneous medium, or are metal.
+    """Return the conditions along the outline, None if there are none; raises InputError if the nodes that they read
+    are not those of the homogeneous medium, or are metal.
     """
-    closing = {key: b for key, b in sides.items() if b.closing}
+    closing = {key: side for key, side in sides.items() if side.closing}
     if not closing:
         return None
     lattice, model, stencil, factor = near.lattice, near.model, near.stencil, near.factor
@@ -38,8 +34,8 @@ def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarr
         inside,
         lattice.window,
         closing,
-        frozenset(a for (a, _), b in sides.items() if b.periodic),
-        frozenset(key for key, b in sides.items() if not b.bonded),
+        frozenset(axis for (axis, _), side in sides.items() if side.periodic),
+        frozenset(key for key, side in sides.items() if not side.bonded),
         stencil.offsets,
     )
     first = 0 if near.closed is None else tuple(np.argwhere(near.closed)[0])
@@ -55,10 +51,10 @@ def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarr
         0.0 if kernel is None else kernel.horizon,
         () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
     )
-    closure = OutlineCondition(outline, medium)
-    closure.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
-    _check_outline(closure, near, grid, solid)
-    return closure
+    condition = OutlineCondition(outline, medium)
+    condition.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
+    _check_outline(condition, near, grid, solid)
+    return condition
 
 
 def _check_solid(near: NearField) -> None:
@@ -75,37 +71,34 @@ def _check_solid(near: NearField) -> None:
         )
 
 
-def _check_outline(closure: OutlineCondition, near: NearField, grid: Grid, solid: np.ndarray) -> None:
+def _check_outline(condition: OutlineCondition, near: NearField, grid: Grid, solid: np.ndarray) -> None:
     """Raise InputError unless a condition along the outline reads the homogeneous medium only: no other material, no
     end of a body, no metal and no constraint.
     """
     material = near.material
     for nodes in (*near.prescribed.nodes, near.conditions.nodes, np.flatnonzero(near.leak), np.flatnonzero(solid)):
         material.flat[nodes] = np.nan
-    grown = grid.grown(material).reshape(closure.halo.shape)
-    if not np.ptp(grown[tuple(closure.fringe.index.T)]) == 0:
+    grown = grid.grown(material).reshape(condition.halo.shape)
+    if not np.ptp(grown[tuple(condition.fringe.index.T)]) == 0:
         raise InputError(
             "a condition along the outline reads metal, or nodes where the material varies, the body ends or a "
             "constraint holds",
             key="boundary",
-            limit=f"uniform within {closure.fringe.depth:g} of the outline",
+            limit=f"uniform within {condition.fringe.depth:g} of the outline",
             remedy="enlarge the near field, or use a LatticePML",
         )
 
 
 def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None:
-    """Return the exact ends, whose chains have the bonds of the last nodes; None if there are none.
-
-    Raises
-    ------
-    InputError
-        There are no bonds at an end.
+    """Return the exact ends, whose chains have the bonds of the last nodes, None if there are none; raises InputError
+    if there are no bonds at an end.
     """
     factor, density = near.factor, near.density
-    found = [(side, b) for (_, side), b in sides.items() if isinstance(b, Exact)]
-    if not found:
+    ends = {side: boundary for (_, side), boundary in sides.items() if isinstance(boundary, Exact)}
+    if not ends:
         return None
-    if factor is not None and any(factor[0 if side < 0 else -1] == 0 for side, _ in found):
+    last = {side: 0 if side < 0 else -1 for side in ends}  # the last node before each
+    if factor is not None and any(factor[node] == 0 for node in last.values()):
         raise InputError(
             "the medium beyond an exact end needs bonds",
             value=0.0,
@@ -115,19 +108,18 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
         )
     recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping, float(grid.engine.reaction))
     unit = near.model.coefficient / near.lattice.spacing**2
-    bonds = [half_weights(near.stencil, unit, side) for side, _ in found]
+    bonds = [half_weights(near.stencil, unit, side) for side in ends]
     count = near.stencil.reach[0]
     line = grid.engine.core.node_indices().ravel()
     stiff, heavy = (
-        [1.0 if values is None else float(values[0 if side < 0 else -1]) for side, _ in found]
-        for values in (factor, density)
+        [1.0 if values is None else float(values[node]) for node in last.values()] for values in (factor, density)
     )
     return ExactEnds(
         grid.engine,
-        [side_name(0, side) for side, _ in found],
-        [b for _, b in found],
-        [b * (one / mass) for b, one, mass in zip(bonds, stiff, heavy, strict=True)],
+        [side_name(0, side) for side in ends],
+        list(ends.values()),
+        [weights * (factor / mass) for weights, factor, mass in zip(bonds, stiff, heavy, strict=True)],
         heavy,
         recursion,
-        np.array([line[0] + np.arange(count) if side < 0 else line[-1] - np.arange(count) for side, _ in found]),
+        np.array([line[0] + np.arange(count) if side < 0 else line[-1] - np.arange(count) for side in ends]),
     )

@@ -19,10 +19,10 @@ def _held(near: NearField) -> tuple[np.ndarray, np.ndarray]:
     """Return which values conditions or constraints hold, and which of these are held at the background for ever;
     components first, then the shape of the lattice.
     """
-    found, resting = np.zeros((2, near.stencil.components, *near.lattice.shape), bool)
-    found.ravel()[np.concatenate([near.conditions.nodes, near.prescribed.held(0)])] = True
-    resting.ravel()[np.concatenate([near.conditions.nodes[near.conditions.resting], near.prescribed.at_rest])] = True
-    return found, resting
+    held, steady = np.zeros((2, near.stencil.components, *near.lattice.shape), bool)
+    held.ravel()[np.concatenate([near.conditions.nodes, near.prescribed.held(0)])] = True
+    steady.ravel()[np.concatenate([near.conditions.nodes[near.conditions.resting], near.prescribed.at_rest])] = True
+    return held, steady
 
 
 def _leak(near: NearField) -> np.ndarray:
@@ -32,46 +32,37 @@ def _leak(near: NearField) -> np.ndarray:
 
 def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], notes: list[str]) -> None:
     """Check conditions next to absorbing sides. Beyond such a side the medium continues as at the edge and comes to
-    rest, including surfaces that lose heat and nodes that are held at the background.
-
-    Parameters
-    ----------
-    near : NearField
-    sides : dict of (axis, side) to Side
-    margins : dict of (axis, side) to int
-        Nodes of the core beyond the near field.
-    notes : list of str
-        Receives notes for the user.
-
-    Raises
-    ------
-    InputError
-        A condition within reach of such a side ends, varies or does not let the medium come to rest.
+    rest, including surfaces that lose heat and nodes that are held at the background. `margins` are the nodes of the
+    core beyond the near field; `notes` receives notes for the user. Raises InputError if a condition within reach of
+    such a side ends, varies or does not let the medium come to rest.
     """
-    (found, held), leak = _held(near), _leak(near)
-    if not found.any() and not leak.any():
+    (held, steady), leak = _held(near), _leak(near)
+    if not held.any() and not leak.any():
         return
-    busy = (found & ~held).any(0) | (leak > 0) & near.conditions.heated(leak.shape)
+    busy = (held & ~steady).any(0) | (leak > 0) & near.conditions.heated(leak.shape)
     for (axis, side), boundary in sides.items():
         if not boundary.endless or boundary.exact or boundary.closing:
             continue
         reach, name = near.stencil.reach[axis], side_name(axis, side)
         near_layer = max(reach - margins[axis, side] + 1, int(boundary.stretched))
         if count := np.count_nonzero(np.take(busy, _last(leak.shape[axis], side, near_layer), axis)):
-            still, kept = f"nodes held at the background, {near.background:g}, for ever", "keep what moves away from it"
+            limit, remedy = (
+                f"nodes held at the background, {near.background:g}, for ever",
+                "keep what moves away from it",
+            )
             if near.model.order == 1:
-                still = f"convection to the background, or {still}"
-                kept = "background = the value far away, restrict the condition by `within`"
+                limit = f"convection to the background, or {limit}"
+                remedy = "background = the value far away, restrict the condition by `within`"
             raise InputError(
                 f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium "
                 "must come to rest",
                 value=f"{count} nodes",
                 key="constraints",
-                limit=f"{still}, on the last {reach + 1} nodes",
-                remedy=f"{kept}, or a Free side there",
+                limit=f"{limit}, on the last {reach + 1} nodes",
+                remedy=f"{remedy}, or a Free side there",
             )
         last = _last(leak.shape[axis], side, reach + 1)
-        surfaces = [np.take(held, last, 1 + axis).swapaxes(0, 1 + axis), np.take(leak, last, axis).swapaxes(0, axis)]
+        surfaces = [np.take(steady, last, 1 + axis).swapaxes(0, 1 + axis), np.take(leak, last, axis).swapaxes(0, axis)]
         if any((surface != surface[:1]).any() for surface in surfaces):
             raise InputError(
                 f"a condition ends or varies within one reach of the absorbing side {name}, where it would continue",
@@ -79,34 +70,22 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], not
                 limit=f"the same on the last {reach + 1} nodes",
                 remedy="a larger near field, or restrict the condition by `within`",
             )
-        if np.take(held, last, 1 + axis).any():
+        if np.take(steady, last, 1 + axis).any():
             notes.append(f"what is held at the side {name} is assumed to continue straight beyond it without end")
 
 
-def _last(count: int, side: int, wanted: int) -> np.ndarray:
-    """Indices of the last `wanted` nodes along an axis of `count` nodes, from a side inwards; none if fewer than one is
-    wanted.
+def _last(count: int, side: int, width: int) -> np.ndarray:
+    """Indices of the last `width` nodes along an axis of `count` nodes, from a side inwards; none if that is not
+    positive.
     """
-    inwards = np.arange(min(wanted, count))
+    inwards = np.arange(min(width, count))
     return inwards if side < 0 else count - 1 - inwards
 
 
 def hold_and_damp(near: NearField, layered: LayeredSides, cuts: CutBonds, fixed_rim: bool) -> np.ndarray:
     """Give the engine the nodes that never move, and the damping of sponges and of surfaces that lose heat, in the core
-    and in the layers next to it.
-
-    Parameters
-    ----------
-    near : NearField
-    layered : LayeredSides
-    cuts : CutBonds
-    fixed_rim : bool
-        Whether nodes outside a body are held.
-
-    Returns
-    -------
-    ndarray of int
-        Places in a level that never move, of all components.
+    and in the layers next to it; nodes outside a body are held, too, if `fixed_rim`. Return the places in a level
+    that never move, of all components.
     """
     grid, engine = cuts.grid, cuts.grid.engine
     held = engine.absent.outside
@@ -114,20 +93,20 @@ def hold_and_damp(near: NearField, layered: LayeredSides, cuts: CutBonds, fixed_
         exists = cuts.existing(True)
         nodes = engine.layout.box.node_indices()
         held = nodes[~exists[nodes]]
-    resting, leaking, leak = _continued(near, grid)
+    steady, leaking, leak = _continued(near, grid)
     held = np.concatenate([held, grid.walls])
-    places: np.ndarray = np.union1d(engine.all_components(held), resting)
+    places: np.ndarray = np.union1d(engine.all_components(held), steady)
     tables = [(places, *np.zeros((3, len(places))))]
-    if any(b.damped for b in layered.sides.values()):
+    if any(side.damped for side in layered.sides.values()):
         tables.append(_damped(near, layered, grid, held))
     tables.append((leaking, *np.ones((2, leaking.size)), leak))
     nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
     # a node of a sponge may also lose heat at a surface, but the engine takes each node only once
-    once, at = np.unique(nodes, return_inverse=True)
-    rows = [np.ones(once.size), np.ones(once.size), np.zeros(once.size)]
-    for row, put, values in zip(rows, (np.multiply, np.multiply, np.add), (before, after, losses), strict=True):
-        put.at(row, at, values)
-    set_damping(engine, once, *rows)
+    distinct, at = np.unique(nodes, return_inverse=True)
+    rows = [np.ones(distinct.size), np.ones(distinct.size), np.zeros(distinct.size)]
+    for row, combine, values in zip(rows, (np.multiply, np.multiply, np.add), (before, after, losses), strict=True):
+        combine.at(row, at, values)
+    set_damping(engine, distinct, *rows)
     return places
 
 
@@ -140,13 +119,13 @@ def _continued(near: NearField, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.
     beyond[grid.nodes] = False
     places = engine.layout.box.node_indices()
     outside = places[beyond[places]]
-    resting = [
+    steady = [
         outside[engine.spread(grid.grown(held.astype(float)))[outside] > 0] + number * engine.layout.size
         for number, held in enumerate(_held(near)[1])
     ]
     leak = engine.spread(grid.grown(_leak(near)))
     leaking = places[leak[places] > 0]
-    return np.concatenate(resting), leaking, leak[leaking]
+    return np.concatenate(steady), leaking, leak[leaking]
 
 
 def _damped(
@@ -169,5 +148,5 @@ def _damped(
     rate = np.tile(rate[where], grid.engine.components)
     if model.order == 1:
         return index, np.ones_like(rate), np.ones_like(rate), rate
-    share, total = model.damping * near.dt, (model.damping + rate) * near.dt
-    return index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate)
+    drag, total = model.damping * near.dt, (model.damping + rate) * near.dt  # the model's damping, and all of it
+    return index, (1 - total) / (1 - drag), (1 + drag) / (1 + total), np.zeros_like(rate)

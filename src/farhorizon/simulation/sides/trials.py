@@ -25,7 +25,7 @@ from farhorizon.errors import InputError, UnstableError, ValidityWarning
 from farhorizon.medium.integrators import RungeKuttaChebyshev, Verlet
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
-from farhorizon.simulation.sides.layers import spreads
+from farhorizon.simulation.sides.layered_sides import spreads
 from farhorizon.simulation.time.steps import last_step
 
 #: Crossings of the near field for which layers for waves are chosen where the length of the run is not known, and
@@ -306,9 +306,8 @@ class TrialRuns:
         does not count. Where the layers turn out so thick that the run takes longer, so may the trials.
         """
         layers = self._layers_of(sides)
-        return self.spent + self._seconds(layers, trial) <= max(
-            self.allowed, _allowed(self._seconds(layers, self.until))
-        )
+        longer = min(_RUNS * self._seconds(layers, self.until), _MOST_SECONDS)
+        return self.spent + self._seconds(layers, trial) <= max(self.allowed, longer)
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
         """Return the set-up at its start with other sides; None if that cannot be made."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.pieces import parts_of_sums
+from farhorizon.engine.state import parts_of_sums
 from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.simulation.assembly import Parts

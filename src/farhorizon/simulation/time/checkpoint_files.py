@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from farhorizon.engine.pieces import Box, common
+from farhorizon.engine.state import Box, common
 from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint, write_checkpoint
 from farhorizon.files.parts import folder_of

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from farhorizon.engine.bonds import factors_of
-from farhorizon.engine.settings import record_flows
+from farhorizon.engine.settings import FlowBonds, record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
@@ -146,9 +146,8 @@ class FlowBalance:
             numbers = np.array([[self.names.index(name)] for name in self.ends.names])
             ends = np.where(where[self.ends.nodes] == 0, numbers, -1)
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        record_flows(
-            engine, accounts[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
-        )
+        bonds = FlowBonds(accounts[kept], nodes[kept], neighbours[kept], weights[kept])
+        record_flows(engine, bonds, effects, len(self.names), ends, layers)
 
     def _amounts(self) -> dict[str, float]:
         """Sums of the field over the free nodes in the box of this process: "stored", and for corrosion "metal" and

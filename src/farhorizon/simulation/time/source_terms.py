@@ -134,7 +134,7 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
     loads = [
         (f"load[{i}]", _of_load(load, setup, near, sides, f"load[{i}]"))
         for i, load in enumerate(setup.loads)
-        if not isinstance(load, ThermalLoad)  # no force: see `farhorizon.simulation.heat.heating`
+        if not isinstance(load, ThermalLoad)  # no force: see `farhorizon.simulation.heat.thermal_strains`
     ]
     return sources + loads
 

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.pieces import Assembly, Box, common, sums_of, take_sums, values_of
+from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
-from farhorizon.simulation.heat.heat_in_steps import HeatInSteps
-from farhorizon.simulation.heat.heat_of_deformation import HeatOfDeformation
-from farhorizon.simulation.heat.heating import Heating
+from farhorizon.simulation.heat.coupled_temperature import CoupledTemperature, StaggeredTemperature
+from farhorizon.simulation.heat.thermal_strains import ThermalStrains
 from farhorizon.simulation.heat.thermoelastic_sides import sides_of_heat
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.cuts import Bonds
@@ -77,12 +76,12 @@ class TimeLoop:
         if parts.breaking is not None:
             self._find_margin(parts.breaking)
 
-    def _heating(self, load: ThermalLoad, run_of: Callable[..., Any]) -> Heating:
+    def _heating(self, load: ThermalLoad, run_of: Callable[..., Any]) -> ThermalStrains:
         """Return the temperature that strains the medium."""
         near, grid, sides = self.parts.near, self.parts.grid, self.parts.layered.sides
         broken = self._broken(load)
         if not (load.coupled or self.parts.thermoelastic):
-            return Heating(load, near, grid, sides, run_of, self.team, broken)
+            return ThermalStrains(load, near, grid, sides, run_of, self.team, broken)
 
         margins = {key: grid.margins[key] for key in self.parts.thermoelastic}
 
@@ -92,7 +91,7 @@ class TimeLoop:
                 return TimeLoop(setup, replace(parts, active_terms=[*parts.active_terms, (None, source)]), run_of)
 
         shared = sides_of_heat(self.parts.layered, grid.margins, self.parts.thermoelastic)
-        stepped_heat = HeatOfDeformation if load.coupled else HeatInSteps
+        stepped_heat = CoupledTemperature if load.coupled else StaggeredTemperature
         return stepped_heat(load, near, grid, sides, shared, driven, broken)
 
     def _broken(self, load: ThermalLoad) -> BrokenBonds | None:
@@ -134,7 +133,7 @@ class TimeLoop:
         if self.heating is not None:
             self.heating.begin()
 
-    def _warm(self, heating: Heating, step: int) -> None:
+    def _warm(self, heating: ThermalStrains, step: int) -> None:
         """Update the thermal strains, and the displacements that they explain."""
         self.source_table.scale = max(self.source_table.scale, heating.lay(step))
 

@@ -29,16 +29,16 @@ def test_what_is_held_is_stressed_and_what_is_free_is_not(material, plane):
     strain.
     """
     model, load = solid(material, plane), fh.ThermalLoad(35.0, expansion=1e-3, reference=20.0)
-    ratio, warm = model.poisson, 15e-3
+    ratio, thermal_strain = model.poisson, 15e-3
     held, free = fh.Receivers(POINTS, RECORD), fh.Receivers(POINTS, RECORD, interpolation="linear")
     fh.Simulation(plate(), model, fh.Periodic(), loads=[load], observe=[held]).step(3)
-    wanted = -warm * model.young / (1 - (1 if plane == "stress" else 2) * ratio)
-    np.testing.assert_allclose(held.data["stress"], np.broadcast_to(wanted * np.eye(2), (4, 3, 2, 2)), atol=1e-12)
-    np.testing.assert_allclose(held.data["pressure"], -wanted)
-    grown = warm * (1 if plane == "stress" else 1 + ratio)
+    expected = -thermal_strain * model.young / (1 - (1 if plane == "stress" else 2) * ratio)
+    np.testing.assert_allclose(held.data["stress"], np.broadcast_to(expected * np.eye(2), (4, 3, 2, 2)), atol=1e-12)
+    np.testing.assert_allclose(held.data["pressure"], -expected)
+    grown = thermal_strain * (1 if plane == "stress" else 1 + ratio)
     start = {"u": [lambda x, y: grown * x, lambda x, y: grown * y]}
     fh.Simulation(plate(), model, fh.Free(), start, loads=[load], observe=[free]).step(3)
-    assert np.abs(free.data["stress"]).max() < 1e-12 * abs(wanted)
+    assert np.abs(free.data["stress"]).max() < 1e-12 * abs(expected)
     np.testing.assert_allclose(free.data["strain"], np.broadcast_to(grown * np.eye(2), (4, 3, 2, 2)), atol=1e-12)
 
 
@@ -53,8 +53,8 @@ def test_a_frame_of_held_nodes_may_be_warm(material):
     sim = fh.Simulation(plate(), model, fh.Free(), loads=[load], constraints=[frame], observe=[receivers])
     sim.step(40)
     assert np.abs(sim.fields["u"]).max() < 1e-14
-    wanted = -15e-3 * model.young / (1 - model.poisson) * np.eye(2)
-    np.testing.assert_allclose(receivers.data["stress"], np.broadcast_to(wanted, (41, 3, 2, 2)), atol=1e-12)
+    expected = -15e-3 * model.young / (1 - model.poisson) * np.eye(2)
+    np.testing.assert_allclose(receivers.data["stress"], np.broadcast_to(expected, (41, 3, 2, 2)), atol=1e-12)
 
 
 def given(every=None):
@@ -81,23 +81,23 @@ def test_stresses_are_those_of_the_strains_that_heat_has_not_made(name):
     receivers, spectra = fh.Receivers(POINTS, RECORD), fh.Spectra(POINTS, [0.02, 0.05], ["stress"])
     sim = fh.Simulation(plate(), **SETUPS[name], observe=[receivers, spectra])
     sim.run(until=30 * sim.dt)
-    slow, warm = fh.Simulation(plate(), **SETUPS[name]), []
+    slow, thermal = fh.Simulation(plate(), **SETUPS[name]), []
     for _ in range(31):
         strains = slow.fields["thermal_strain"]
-        warm.append([strains[slow.lattice.index(point)] for point in POINTS[:2]])
+        thermal.append([strains[slow.lattice.index(point)] for point in POINTS[:2]])
         slow.step()
-    found, (lame, shear) = receivers.data, sim.model.moduli
-    strain, warm = found["strain"][:, :2], np.array(warm)
-    assert np.abs(warm).max() > 5e-3
-    answered = strain - warm[..., None, None] * np.eye(2)
-    wanted = lame * np.trace(answered, axis1=-2, axis2=-1)[..., None, None] * np.eye(2) + 2 * shear * answered
-    size = np.abs(wanted).max()
-    np.testing.assert_allclose(found["stress"][:, :2], wanted, rtol=0, atol=1e-12 * size)
-    middle = (found["stress"][1:] + found["stress"][:-1]) / 2
-    flux = -np.einsum("tnij,tni->tnj", middle, found["v"][1:])
-    np.testing.assert_allclose(found["energy_flux"][1:], flux, rtol=0, atol=1e-12 * np.abs(flux).max())
+    recorded, (lame, shear) = receivers.data, sim.model.moduli
+    strain, thermal = recorded["strain"][:, :2], np.array(thermal)
+    assert np.abs(thermal).max() > 5e-3
+    elastic = strain - thermal[..., None, None] * np.eye(2)
+    expected = lame * np.trace(elastic, axis1=-2, axis2=-1)[..., None, None] * np.eye(2) + 2 * shear * elastic
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(recorded["stress"][:, :2], expected, rtol=0, atol=1e-12 * size)
+    middle = (recorded["stress"][1:] + recorded["stress"][:-1]) / 2
+    flux = -np.einsum("tnij,tni->tnj", middle, recorded["v"][1:])
+    np.testing.assert_allclose(recorded["energy_flux"][1:], flux, rtol=0, atol=1e-12 * np.abs(flux).max())
     phases = np.exp(-2j * np.pi * np.outer(spectra.frequencies, receivers.times))
-    sums = sim.dt * np.einsum("ft,tnij->fnij", phases, found["stress"])
+    sums = sim.dt * np.einsum("ft,tnij->fnij", phases, recorded["stress"])
     np.testing.assert_allclose(spectra.data["stress"], sums, rtol=0, atol=1e-12 * np.abs(sums).max())
 
 

@@ -1,4 +1,4 @@
-"""`farhorizon plot`."""
+"""Commands on results files: plot, and merge, which makes one file of those of several processes."""
 
 from __future__ import annotations
 
@@ -63,3 +63,13 @@ def _plane(text: str) -> tuple[str, float]:
         if axis.strip() in ("x", "y", "z") and math.isfinite(float(place)):
             return axis.strip(), float(place)
     raise InputError("a slice is an axis and a number", value=text, key="--slice", remedy="--slice z=0.5")
+
+
+def merge_command(options: argparse.Namespace) -> int:
+    from farhorizon.files.results import open_results
+
+    path = Path(options.result)
+    results = open_results(path, verify=False)
+    made = results.merge(path.with_name(f"{path.stem}-merged{path.suffix}") if options.out is None else options.out)
+    print(f"{made}: {len(results.times)} outputs of {', '.join(results.field_names)}")
+    return GOOD

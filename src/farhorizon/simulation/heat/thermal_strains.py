@@ -1,4 +1,4 @@
-"""Thermal strains of a near field, for a temperature that is given or computed alongside it."""
+"""Thermal strains of a near field, for a temperature that is prescribed or that another run computes."""
 
 from __future__ import annotations
 
@@ -23,34 +23,12 @@ from farhorizon.simulation.time.outer_loop import warn
 _STRIP = 2  # reaches next to a side within which bonds ignore heat at one or both ends
 
 
-class Heating:
+class ThermalStrains:
     """Thermal strains of a near field over time, which it gives to the engine.
 
-    Parameters
-    ----------
-    load : ThermalLoad
-        With texts converted to expressions (`farhorizon.simulation.setup.setup`).
-    near : NearField
-    grid : Grid
-    sides : dict of (axis, side) to Side
-    run_of : callable
-        Makes a run of a set-up, given what observes it and a team.
-    team : ProcessGroup
-        The processes that compute the run; all of them sample the temperature at the same steps.
-    broken : BrokenBonds, optional
-        Broken bonds of the solid, if there can be any.
-
-    Attributes
-    ----------
-    every : int
-        Steps from one sample of the temperature to the next, between which the strains are linear in time; 0 if they
-        are constant.
-
-    Raises
-    ------
-    InputError
-        The temperature is given at other nodes, the expansion is not finite, or there is heat next to sides that are
-        not free.
+    They are linear in time over `every` steps, from one sample of the temperature to the next, and constant if that is
+    0. On several processes all sample the temperature at the same steps. Raises InputError if the temperature is given
+    at other nodes, the expansion is not finite, or there is heat next to sides that are not free.
     """
 
     def __init__(
@@ -60,27 +38,25 @@ class Heating:
         grid: Grid,
         sides: Sides,
         run_of: Callable[..., Any],
-        team: ProcessGroup = ALONE,
+        group: ProcessGroup = ALONE,
         broken: BrokenBonds | None = None,
     ) -> None:
-        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, team
+        self.load, self.near, self.grid, self.sides, self._group = load, near, grid, sides, group
         self._expansion = expansion_of(load, near.lattice, near.model, near.lame)
-        self._largest, self._told = 0.0, False
-        run = CompanionRun(load, near.lattice, run_of, team, broken) if load.of_run(load.temperature) else None
+        self._largest, self._warned = 0.0, False
+        run = CompanionRun(load, near.lattice, run_of, group, broken) if load.of_run(load.temperature) else None
         self._run = run
         self._temperature = _given(load, near.lattice) if run is None else run.at
         between = load.every or (0.0 if run is None else run.dt)
-        self.every = 0 if load.steady else max(1, int(between / near.dt * (1 + 1e-9)))
+        self.every = 0 if load.steady else max(1, int(between / near.dt * (1 + 1e-9)))  # a whole number up to rounding
         self._known: dict[int, np.ndarray] = {}
 
     def lay(self, step: int) -> float:
-        """Give the engine the thermal strains at a step and their rate until the next sample; return the size of
-        displacements that all strains so far can explain.
-        """
+        """Give the engine the thermal strains at a step and their rate until the next sample; return `explained`."""
         start = step - step % self.every if self.every else 0
-        now = self._strain(start)
-        rate = (self._strain(start + self.every) - now) / self.every if self.every else np.zeros_like(now)
-        give_heat(self.grid.engine, self.grid.grown(now), self.grid.grown(rate), step - start)
+        strains = self._strains_at(start)
+        rate = (self._strains_at(start + self.every) - strains) / self.every if self.every else np.zeros_like(strains)
+        give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(rate), step - start)
         return self.explained
 
     @property
@@ -103,22 +79,11 @@ class Heating:
         return thermal_strain.astype(float).reshape(self.near.lattice.shape)
 
     def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
-        """Return weighted sums over nodes of the thermal strains after each of the last steps, within which there was
-        no sample.
-
-        Parameters
-        ----------
-        nodes : ndarray of int, shape (n, m)
-            Flat numbers in the near field.
-        weights : ndarray, shape (n, m)
-        steps : int
-
-        Returns
-        -------
-        ndarray, shape (steps, n)
+        """Return sums of the thermal strains over nodes (flat numbers in the near field) with weights, both of shape
+        (n, m), after each of the last steps, within which there was no sample; shape (steps, n).
         """
         heat, places = self.grid.engine.tables.heat, self.grid.nodes.ravel()[nodes]
-        now, rate = ((one[places] * weights).sum(1) for one in (heat.thermal_strain, heat.rate))
+        now, rate = ((values[places] * weights).sum(1) for values in (heat.thermal_strain, heat.rate))
         return np.asarray(now - np.arange(steps)[::-1, None] * rate)
 
     def begin(self) -> None:
@@ -153,12 +118,12 @@ class Heating:
             self._known = {}
             self._run.take(arrays, meta)
 
-    def _strain(self, step: int) -> np.ndarray:
+    def _strains_at(self, step: int) -> np.ndarray:
         """Thermal strains at a step; the temperature of the previous sample is kept."""
         known = step in self._known
         if not known:
-            found = np.broadcast_to(self._temperature(step * self.near.dt), self.near.lattice.shape)
-            self._known = {k: v for k, v in self._known.items() if k == step - self.every} | {step: found}
+            temperature = np.broadcast_to(self._temperature(step * self.near.dt), self.near.lattice.shape)
+            self._known = {k: v for k, v in self._known.items() if k == step - self.every} | {step: temperature}
         strains = self.near.inside(self._expansion * (self._known[step] - self.load.reference))
         if not known:
             self._check_sides(strains, step)
@@ -174,22 +139,22 @@ class Heating:
 
     def _check_sides(self, strains: np.ndarray, step: int, rise: int = 0, most: float = 0.0) -> None:
         """Refuse, or after the start warn of, heat next to sides that are neither free nor periodic, where bonds ignore
-        it, in whole or, over `rise` further nodes where the medium continues, in part. The share of the largest strain
-        missed there may be the target of the side, or `most` if that is larger.
+        it, in whole or, over `rise` further nodes where the medium continues, in part. The fraction of the largest
+        strain missed there may be the target of the side, or `most` if that is larger.
         """
-        found = {None: float(np.abs(strains).max(initial=0))} | self._beside(strains, rise, most)
-        every = self._team.gather(found)
-        self._largest = max(self._largest, *(one[None] for one in every))
-        for key in dict.fromkeys(key for one in every for key in one if key is not None):
-            wide, strain, target = max(one[key] for one in every if key in one)
-            share = strain / max(self._largest, 1e-300)
-            if share <= target:
+        largest = {None: float(np.abs(strains).max(initial=0))} | self._at_sides(strains, rise, most)
+        of_processes = self._group.gather(largest)
+        self._largest = max(self._largest, *(part[None] for part in of_processes))
+        for key in dict.fromkeys(key for part in of_processes for key in part if key is not None):
+            wide, strain, target = max(part[key] for part in of_processes if key in part)
+            fraction = strain / max(self._largest, 1e-300)  # no division by zero
+            if fraction <= target:
                 continue
             words = f"the temperature near the side {side_name(*key)} is not the stress-free temperature of the solid"
             if step == 0:
                 raise InputError(
                     words,
-                    value=f"{share:.2g} of the largest change within {wide} nodes of it",
+                    value=f"{fraction:.2g} of the largest change within {wide} nodes of it",
                     limit=f"{target:g}",
                     key="load.temperature",
                     remedy="LatticePML for both fields of a Thermoelastic, whose heat has integrator='euler', a larger "
@@ -197,46 +162,31 @@ class Heating:
                     if self.sides[key].endless
                     else "Prescribed nodes beside a Free side, which may have any temperature",
                 )
-            if not self._told:
-                self._told = True
-                warn(
-                    f"{words}: from t = {step * self.near.dt:.3g} on {share:.2g} of the largest change is missed there"
-                )
+            if not self._warned:
+                self._warned = True
+                start = f"from t = {step * self.near.dt:.3g} on"
+                warn(f"{words}: {start} {fraction:.2g} of the largest change is missed there")
 
-    def _beside(self, strains: np.ndarray, rise: int, most: float) -> dict[Any, Any]:
+    def _at_sides(self, strains: np.ndarray, rise: int, most: float) -> dict[Any, Any]:
         """For each side next to which bonds ignore heat, return how many nodes are examined, the largest strain at
         them, and its admissible ratio to the largest strain of all.
         """
-        found = {}
-        for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
-            wide = min(cold + rise * boundary.endless, strains.shape[axis])
+        largest = {}
+        for (axis, side), boundary, unheated in unheated_strips(self.near, self.sides):
+            wide = min(unheated + rise * boundary.endless, strains.shape[axis])
             strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
-            wanted = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
-            found[axis, side] = wide, float(np.abs(strip).max(initial=0)), max(wanted, most)
-        return found
+            target = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
+            largest[axis, side] = wide, float(np.abs(strip).max(initial=0)), max(target, most)
+        return largest
 
 
 class CompanionRun:
-    """The field of a run that is computed alongside another one, on a part of its lattice.
+    """The temperature of a run that is computed alongside another one, on a part of its lattice.
 
     On several processes the run has its own decomposition into boxes; each process receives the values at the nodes of
-    its box of the other run, from whichever process computes them. Bonds of the solid that have broken before a step of
-    this run do not conduct in it.
-
-    Parameters
-    ----------
-    load : ThermalLoad
-    lattice : Lattice
-        Part of the lattice of the other run that belongs to this process.
-    run_of : callable
-        Makes a run of a set-up, given what observes it and a team.
-    team : ProcessGroup
-    broken : BrokenBonds, optional
-
-    Raises
-    ------
-    InputError
-        Its nodes are not nodes of the lattice, or have no temperature.
+    its box of the other run (`lattice`), from whichever process computes them. Bonds of the solid that have broken
+    before a step of this run do not conduct in it. Raises InputError if its nodes are not nodes of the lattice, or have
+    no temperature.
     """
 
     def __init__(
@@ -244,46 +194,48 @@ class CompanionRun:
         load: ThermalLoad,
         lattice: Lattice,
         run_of: Callable[..., Any],
-        team: ProcessGroup = ALONE,
+        group: ProcessGroup = ALONE,
         broken: BrokenBonds | None = None,
     ) -> None:
         assert load.reference is not None
-        self._setup, self._run_of, self._team, self._reference = load.temperature, run_of, team, load.reference
-        own, part, lattice = self._setup.lattice, lattice, lattice.whole
-        first = (own.lower - lattice.lower) / lattice.spacing if own.dim == lattice.dim else np.full(1, np.nan)
+        self._setup, self._run_of, self._group, self._reference = load.temperature, run_of, group, load.reference
+        heated, part, lattice = self._setup.lattice, lattice, lattice.whole
+        first = (heated.lower - lattice.lower) / lattice.spacing if heated.dim == lattice.dim else np.full(1, np.nan)
         place = np.round(np.nan_to_num(first, nan=-1)).astype(int)
-        last = place + np.array(own.shape) if own.dim == lattice.dim else place
-        fits = abs(own.spacing / lattice.spacing - 1) < 1e-9 and np.abs(first - place).max() < 1e-6
+        last = place + np.array(heated.shape) if heated.dim == lattice.dim else place
+        # to rounding
+        fits = abs(heated.spacing / lattice.spacing - 1) < 1e-9 and np.abs(first - place).max() < 1e-6
         if not fits or place.min() < 0 or (last > lattice.shape).any():
             raise InputError(
                 "the temperature is computed on nodes that are not those of the solid",
-                value=f"spacing {own.spacing:g} from {own.lower.tolist()}",
+                value=f"spacing {heated.spacing:g} from {heated.lower.tolist()}",
                 limit=f"spacing {lattice.spacing:g} from {lattice.lower.tolist()} to {lattice.upper.tolist()}",
                 key="load.temperature",
                 remedy="the same lattice, or a part of it",
             )
         self._shape, self._place = part.shape, place
-        self._boxes = team.gather((part.first, part.shape))
+        self._boxes = group.gather((part.first, part.shape))
+        # changes of the table of broken bonds by step, and the number of steps that have looked for some
         self._broken, self._changes, self._looks = broken, dict[int, np.ndarray](), 0
         self._begin()
         if broken is not None:
             self._insulated = insulated(load, broken, self._run.parts, place)
-        unknown = ~np.isfinite(self._dealt())
+        unknown = ~np.isfinite(self._on_box())
         unknown &= True if part.mask is None else part.mask
-        check_known(round(team.total({"unknown": float(unknown.sum())})["unknown"]))
+        check_known(sum(group.gather(int(unknown.sum()))))
 
     def _begin(self) -> None:
         with of_the_heat():
-            self._run = self._run_of(self._setup, (), self._team)
+            self._run = self._run_of(self._setup, (), self._group)
         self.dt = float(self._run.dt)
         self._before = self._after = self._field()
         self._table = np.zeros((0, 2), np.int64)
 
     def _field(self) -> np.ndarray:
-        found = self._dealt()
-        return np.where(np.isfinite(found), found, self._reference)
+        temperature = self._on_box()
+        return np.where(np.isfinite(temperature), temperature, self._reference)
 
-    def _dealt(self) -> np.ndarray:
+    def _on_box(self) -> np.ndarray:
         """Return the field at the nodes of this process, the reference temperature at nodes that the run does not
         have.
         """
@@ -291,12 +243,12 @@ class CompanionRun:
         pieces = []
         for first, shape in self._boxes:
             ends = np.maximum(low, first), np.minimum(low + values.shape, np.add(first, shape))
-            mine, theirs = (tuple(map(slice, *(np.maximum(end - start, 0) for end in ends))) for start in (low, first))
-            pieces.append((theirs, values[mine]))
-        found = np.full(self._shape, self._reference)
-        for place, piece in self._team.all_to_all(pieces):
-            found[place] = piece
-        return found
+            here, there = (tuple(map(slice, *(np.maximum(end - start, 0) for end in ends))) for start in (low, first))
+            pieces.append((there, values[here]))
+        field = np.full(self._shape, self._reference)
+        for place, piece in self._group.all_to_all(pieces):
+            field[place] = piece
+        return field
 
     def at(self, t: float) -> np.ndarray:
         """Return the field at a time, linear between steps; for a time before the last step the run is repeated from
@@ -317,7 +269,7 @@ class CompanionRun:
             return
         if step == self._looks:
             rows = table_changes(self._broken.own(self._table), self._broken.table())
-            rows = np.concatenate(self._team.gather(rows))
+            rows = np.concatenate(self._group.gather(rows))
             self._looks += 1
             if len(rows):
                 self._changes[step] = rows
@@ -330,8 +282,8 @@ class CompanionRun:
         if self._broken is None:
             return {}, {}
         rows = [
-            np.column_stack([np.full(len(one), step), *self._broken.bonds_of(one[:, 0]), one[:, 1]])
-            for step, one in self._changes.items()
+            np.column_stack([np.full(len(changes), step), *self._broken.bonds_of(changes[:, 0]), changes[:, 1]])
+            for step, changes in self._changes.items()
         ]
         return {"heat/changes": np.concatenate([np.zeros((0, 6), np.int64), *rows])}, {"heat": {"looks": self._looks}}
 
@@ -349,18 +301,14 @@ class CompanionRun:
 
 def insulated(load: ThermalLoad, broken: BrokenBonds, heat: Any, place: np.ndarray) -> InsulatedBonds:
     """Return the bonds of a heat conduction that broken bonds of the solid interrupt; `place` is the number of its
-    first node in the lattice of the solid.
-
-    Raises
-    ------
-    InputError
-        A contact conductance above that of the bonds across a plane.
+    first node in the lattice of the solid. Raises InputError if the contact conductance is above that of the bonds
+    across a plane.
     """
     setup, engine = load.temperature, heat.grid.engine
     # nodes of an area 1 have bonds across a plane x times their number of steps across it
     across = np.abs(engine.weights @ np.abs(engine.offsets[:, -setup.lattice.dim :])).mean() / 2
     most = float(across * setup.lattice.spacing / setup.model.source_factor)
-    if load.contact_conductance > most * (1 + 1e-12):
+    if load.contact_conductance > most * (1 + 1e-12):  # to rounding
         raise InputError(
             "cracks would conduct more than the bonds that have broken",
             value=load.contact_conductance,
@@ -368,11 +316,11 @@ def insulated(load: ThermalLoad, broken: BrokenBonds, heat: Any, place: np.ndarr
             key="load.contact_conductance",
             remedy="a smaller spacing or horizon of the heat",
         )
-    rest = min(load.contact_conductance / most, 1.0)
-    return InsulatedBonds(broken, engine.offsets, setup.sides, setup.lattice.shape, place, rest)
+    remaining = min(load.contact_conductance / most, 1.0)
+    return InsulatedBonds(broken, engine.offsets, setup.sides, setup.lattice.shape, place, remaining)
 
 
-def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
+def unheated_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
     """Return the sides that are neither free, periodic nor shared with other processes, each with the number of nodes
     next to it whose bonds ignore heat.
     """
@@ -384,12 +332,7 @@ def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
 
 
 def check_known(unknown: int) -> None:
-    """Raise InputError if the temperature is unknown on some nodes of the solid.
-
-    Raises
-    ------
-    InputError
-    """
+    """Raise InputError if the temperature is unknown on some nodes of the solid."""
     if unknown:
         raise InputError(
             "the temperature is not known on nodes of the solid",

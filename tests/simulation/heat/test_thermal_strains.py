@@ -23,8 +23,8 @@ def warmed(dim, material, plane=None, half=5):
     lattice = fh.Lattice(1.0, [-half] * dim, [half] * dim)
     solid = fh.Elastic(BONDS, young=1.0, material=material, plane=plane, **MATERIALS[material])
     held = 1 + solid.poisson if dim == 2 and plane != "stress" else 1.0
-    x, *others = np.meshgrid(*lattice.axes, indexing="ij")
-    u = [BASE * x + SLOPE / 2 * (x**2 - sum(y**2 for y in others)), *((BASE + SLOPE * x) * y for y in others)]
+    x, *across = np.meshgrid(*lattice.axes, indexing="ij")
+    u = [BASE * x + SLOPE / 2 * (x**2 - sum(y**2 for y in across)), *((BASE + SLOPE * x) * y for y in across)]
     load = fh.ThermalLoad("20 + x", expansion=SLOPE, reference=20 - BASE / SLOPE)
     return fh.Simulation(lattice, solid, fh.Free(), {"u": held * np.array(u)}, loads=[load])
 
@@ -32,9 +32,9 @@ def warmed(dim, material, plane=None, half=5):
 def forces(sim, warm=True):
     """Accelerations of the nodes of the body, with or without the thermal load."""
     engine = sim.engine
-    found = engine.apply(engine.current) if warm else engine.apply_core(engine.current.copy())
-    found = sim.parts.grid.view(found).reshape(sim.field_shape)
-    return found if sim.lattice.mask is None else found * sim.lattice.mask
+    rates = engine.apply(engine.current) if warm else engine.apply_core(engine.current.copy())
+    rates = sim.parts.grid.view(rates).reshape(sim.field_shape)
+    return rates if sim.lattice.mask is None else rates * sim.lattice.mask
 
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
@@ -182,8 +182,8 @@ def test_a_checkpoint_has_the_run_beside_it(tmp_path):
     sim.step(17)
     sim.save(tmp_path / "state.h5")
     again = fh.Simulation.restore(tmp_path / "state.h5")
-    for one in (sim, again):
-        one.step(20)
+    for run in (sim, again):
+        run.step(20)
     assert sim.broken_bonds > 0
     for name, values in sim.fields.items():
         np.testing.assert_array_equal(again.fields[name], values)
