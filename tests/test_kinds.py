@@ -275,7 +275,7 @@ RIGHT = {
     "Pressure": {"on": [(0.0, 0.0), (1.0, 0.0)], "value": 1.0, "time": None},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
-    "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0},
+    "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0, "integrator": "verlet"},
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "LeastSquares": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
