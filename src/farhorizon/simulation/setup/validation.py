@@ -80,10 +80,10 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
         (len(setup.constraints) > 0, "constraint", len(setup.constraints), 'Fixed sides, or integrator = "verlet"'),
         (setup.balance, "balance", True, 'leave it out, or integrator = "verlet"'),
     ]
-    for key, side in sides.items():
+    for place, side in sides.items():
         one_stage = side.exact or side.closing or side.damped or side.derivatives
         name = type(side).__name__
-        refused.append((one_stage, f"boundary.{side_name(*key)}", name, "LatticePML, Extended, Free, Fixed, Periodic"))
+        refused.append((one_stage, f"boundary.{side_name(*place)}", name, "LatticePML, Extended, Free, Fixed, Periodic"))
     for given, key, value, remedy in refused:
         if given:
             raise InputError(
