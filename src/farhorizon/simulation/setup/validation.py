@@ -83,7 +83,8 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
     for place, side in sides.items():
         one_stage = side.exact or side.closing or side.damped or side.derivatives
         name = type(side).__name__
-        refused.append((one_stage, f"boundary.{side_name(*place)}", name, "LatticePML, Extended, Free, Fixed, Periodic"))
+        instead = "LatticePML, Extended, Free, Fixed, Periodic"
+        refused.append((one_stage, f"boundary.{side_name(*place)}", name, instead))
     for given, key, value, remedy in refused:
         if given:
             raise InputError(
