@@ -398,7 +398,7 @@ class Tables:
                 options.append(option)
                 keys |= its_keys
             arguments[name] = Argument(tuple(options), needed, {name: default} if stated and not needed else {})
-        if is_model(maker) and "integrator" in keys:
+        if is_model(maker) and "integrator" in keys and not issubclass(maker, fh.Wave | fh.Elastic):
             words = "Number of stages of the integrator rkc; 20 unless given."
             keys["stages"] = (Whole | None, Field(None, description=words))
         if is_model(maker) and issubclass(maker, fh.Wave) and "stencil" in keys:

@@ -12,7 +12,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.references.infinite import wave_travel
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
-from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.integrators import Integrator, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 
 _WIDEST = 1e5  # largest number of neighbours of a step's operator
@@ -35,6 +35,14 @@ class Scheme:
         polynomial of the operator, whose reach is that of the stencil times the number of stages; an InputError if it
         couples too many nodes.
         """
+        if isinstance(integrator, ModifiedEquation):
+            raise InputError(
+                "waves that come from or go to the exterior are those of one stage per step",
+                value=integrator.name,
+                limit="velocity Verlet",
+                key="model.integrator",
+                remedy='integrator = "verlet"',
+            )
         if isinstance(integrator, Verlet):
             return cls(stencil, rate, Recursion.of(integrator, dt, damping), dt, 2)
         stages = len(integrator.stages(dt).numbers)
