@@ -22,6 +22,7 @@ extensions = [
     "numpydoc",
     "myst_parser",
     "sphinx_design",
+    "sphinx_copybutton",
     "mathml",
     "generated",
 ]
@@ -31,6 +32,7 @@ templates_path = ["_templates"]
 myst_enable_extensions = ["attrs_block", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 highlight_language = "none"
+copybutton_prompt_text = "$ "  # of a command and its output the command is copied
 
 # Names in backticks in docstrings are links where there is a page of that name, code where there is none.
 default_role = "py:obj"
@@ -46,6 +48,8 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
+    "logo": {"text": f"farhorizon {release}"},
+    "navbar_end": ["theme-switcher"],  # light and dark; the search is beside it
     "show_toc_level": 2,
     "navigation_with_keys": False,
     "show_prev_next": True,

@@ -89,11 +89,14 @@ class Interpreter:
             for part in range(tables.rotation.shape[1]):
                 src, base, out = (levels[i] for i in tables.rotation[phase, part])
                 a, a_difference, b, scale, _ = tables.numbers[part]
+                self.shifts.stage = part
                 self.stage = Stage(
                     src, base, out, part, a, a_difference, b, scale, tables.increments, self.components, self.components
                 )
                 first, last = tables.starts[part : part + 2]
                 for operation, number, which in tables.operations[first:last].tolist():
+                    if operation in (op.FILTER, op.DAMPERS):  # of the increments of the whole step
+                        self.stage = self.stage._replace(src=levels[tables.rotation[phase, 0, 0]])
                     if which in (op.PUSHES, op.TRACES) and operation == op.STRETCH:
                         self.heat.stretch(number, which)
                     elif which == op.NEIGHBOURS and operation == op.STRETCH:

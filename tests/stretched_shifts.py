@@ -19,6 +19,7 @@ class StretchedShifts:
 
     def __init__(self, engine: Engine, memory: dict[object, np.ndarray]) -> None:
         self.engine, self.memory, self.box = engine, memory, engine.layout.box
+        self.stage = 0  # each stage of a step has a memory of its own
         self.edges = [self._edges(axis) for axis in range(3)]
         self.begin(0, np.zeros((0, engine.layout.size)))  # a step begins with a level
 
@@ -50,7 +51,7 @@ class StretchedShifts:
         """
         r, e, f = (t if sign > 0 else t[::-1] for t in self.edges[axis])
         u = np.moveaxis(u, axis, 0)[::sign]
-        past = self.memory.setdefault(key, np.zeros((len(u) + 1, *u.shape[1:])))
+        past = self.memory.setdefault((self.stage, key), np.zeros((len(u) + 1, *u.shape[1:])))
         v, ahead, beyond = np.zeros_like(u), np.zeros_like(u[0]), np.zeros_like(u[0])
         for p in range(len(u) - 1, -1, -1):
             d = u[p] - ahead

@@ -7,6 +7,7 @@ import json
 import re
 import shlex
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -14,10 +15,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 from PIL import Image
+from pydantic import ValidationError
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.case.schema import case_part
+from farhorizon.case.toml import document
 from farhorizon.cli import main
+from farhorizon.cli.parser import command_parser
 from farhorizon.files.storable import Storable
 from farhorizon.simulation.recorders.recorder import Recorder
 
@@ -25,15 +30,16 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def _script(name):
-    """Return a script of benchmarks/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
+def _script(name, folder="benchmarks"):
+    """Return a script as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
 figures = _script("figures")
+sentences = _script("sentences", "docs/_extensions")
 STORED = json.loads(figures.STORE.read_text())
 
 
@@ -117,6 +123,21 @@ def test_guidance_names_no_tests_seeds_or_trials(path):
     assert not found, found
 
 
+def test_pages_are_short_and_plain():
+    """Neither many words, nor long sentences; `python docs/_extensions/sentences.py` prints the longest ones."""
+    found = sentences.sentences()
+    assert sentences.words() <= sentences.MOST_WORDS
+    assert not [sentence for sentence in found if sentence.words > sentences.MOST_IN_A_SENTENCE]
+    assert np.median([sentence.words for sentence in found]) <= sentences.MEDIAN
+
+
+@pytest.mark.parametrize("path", figures.DOCUMENTS[1:], ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_pages_begin_with_what_they_are_for(path):
+    """After the title there is a sentence, and neither a heading, a table nor a program."""
+    title, first = re.split(r"\n\s*\n", path.read_text(encoding="utf-8"))[:2]
+    assert title.startswith("# ") and re.match(r"\*{0,2}`?\w", first) and len(first.split()) > 5, first
+
+
 EXTENSIONS = re.findall(
     r"^```python\n(.*?)```", (ROOT / "docs" / "extending.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
 )
@@ -136,6 +157,90 @@ def test_examples_of_extensions_run(program, monkeypatch):
     made = ModuleType("extension")
     monkeypatch.setitem(sys.modules, made.__name__, made)
     exec(program, made.__dict__)
+
+
+BLOCK = re.compile(r"^(?:<!-- not run: (.+) -->\n)?```(python|toml|sh)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PAGES = [
+    path
+    for path in figures.DOCUMENTS
+    if path.name not in ("README.md", "extending.md")
+    and path.parent.name != "evidence"
+    and BLOCK.search(path.read_text(encoding="utf-8"))
+]
+SMALL_CASE = """
+lattice = { spacing = 0.5, lower = [-10.0, -10.0], upper = [10.0, 10.0] }
+boundary = { all = { type = "lattice-pml", nodes = 6 } }
+run = { until = 1.0 }
+"""
+MODELS = [  # one of them accepts the tables of a page that names no model
+    'model = { type = "wave", kernel = { horizon = 1.0 } }',
+    'model = { type = "elastic", young = 1.0, kernel = { horizon = 1.0 } }',
+    'model = { type = "heat", kernel = { horizon = 1.0 } }',
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a case and its results, for blocks that read them."""
+    made = tmp_path_factory.mktemp("blocks")
+    (made / "case.toml").write_text(SMALL_CASE + MODELS[0] + '\ninitial = { u = "exp(-x**2 - y**2)" }\n')
+    assert main(["run", str(made / "case.toml"), "--out", str(made)]) == 0
+    return made
+
+
+def completed(fragment, model):
+    """Return the text of a case that has the tables of `fragment`, and what it lacks from the small case."""
+    small, case = tomllib.loads(SMALL_CASE + model), tomllib.loads(fragment)
+    if not {"kernel", "stencil", "elastic"} & case.get("model", {}).keys():  # the last has kernels of its own
+        case["model"] = small["model"] | case.get("model", {})
+    case["run"] = small["run"] | case.get("run", {})
+    return document(small | case)
+
+
+def accepts(fragment):
+    """Raise what the last model says of the tables of a case, if none accepts them."""
+    for model in MODELS:
+        text = completed(fragment, model)
+        try:
+            if re.search("file = |record = ", text):  # which are not there: the keys alone
+                case_part().model_validate(tomllib.loads(text), context={"folder": Path(), "units": None})
+            else:
+                Case(text)
+            return
+        except (fh.InputError, ValidationError) as error:
+            refused = error
+    raise refused
+
+
+def parsed(line):
+    """Parse a command line of the program, also behind `mpiexec` and the like."""
+    words = shlex.split(line, comments=True)
+    if "farhorizon" in words:
+        command_parser().parse_args(words[words.index("farhorizon") + 1 :])
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_blocks_of_pages_run(path, folder, monkeypatch):
+    """The programs of a page run one after the other, its tables of a case are accepted, its commands exist."""
+    monkeypatch.chdir(folder)
+    names = {}
+    for reason, language, text in BLOCK.findall(path.read_text(encoding="utf-8")):
+        if language == "toml":
+            accepts(text)
+        elif language == "sh":
+            for line in text.splitlines():
+                parsed(line)
+        else:
+            program = compile(text, path.name, "exec")
+            if not reason:
+                exec(program, names)
+
+
+def test_few_blocks_do_not_run():
+    """Those that need several processes or long times say so."""
+    pages = [path.read_text(encoding="utf-8") for path in PAGES]
+    assert sum(bool(reason) for page in pages for reason, _, _ in BLOCK.findall(page)) <= 10
+    assert sum(page.count("<!-- not run: ") for page in pages) == 1
 
 
 def test_marked_figures_are_the_measured_ones():

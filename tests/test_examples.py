@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.studies.compare import compare
 
@@ -289,3 +290,49 @@ def test_released_heat():
         place = (np.stack([example["X"], example["Y"]]) * left)[:, near].sum(1) / left[near].sum()
         assert np.abs(place - (x, y)).max() < 0.2
         assert abs(left[near].sum() * example["LATTICE"].spacing ** 2 / heat - 1) < 0.1
+
+
+@pytest.mark.parametrize("iterations", [12, pytest.param(30, marks=pytest.mark.slow)])
+def test_event_location(iterations):
+    """From five percent of noise the place to a tenth of a spacing, and the tensor to a twentieth of its largest entry;
+    the reversed records alone meet within a third of the wavelength of P waves, 20, of the event.
+    """
+    example = script("event_location")
+    misfit = example["seismograms"]()
+    image = fh.image([(example["ground"](), misfit)], example["UNTIL"], show="sources")
+    start = example["meeting"](image)
+    assert np.linalg.norm(start - example["PLACE"]) < 20 / 3
+    place, tensor = example["located"](misfit, start, iterations)
+    within = 0.1 if iterations == 30 else 0.3
+    assert np.linalg.norm(place - example["PLACE"]) < within
+    assert np.abs(tensor - example["TENSOR"]).max() < within / 2
+
+
+@pytest.mark.parametrize("bursts", [4, pytest.param(8, marks=pytest.mark.slow)])
+def test_surface_array(bursts):
+    """Nine tenths of what is bright in the image, more than half of the largest value, lies within a third of a
+    wavelength, 10, of the crack.
+    """
+    example = script("surface_array")
+    image = np.abs(example["imaged"](example["shots"](bursts)))
+    place, (first, last) = np.stack(example["LATTICE"].coordinates(), -1), example["CRACK"]
+    along = np.clip((place - first) @ (last - first) / np.sum((last - first) ** 2), 0, 1)
+    distance = np.linalg.norm(place - first - along[..., None] * (last - first), axis=-1)
+    bright = image > 0.5 * image.max()
+    assert (distance[bright] < 10 / 3).mean() > 0.9
+    assert along[bright].min() < 0.2 and along[bright].max() > 0.8
+
+
+@pytest.mark.parametrize(("guns", "iterations"), [(1, 1), pytest.param(5, 8, marks=pytest.mark.slow)])
+def test_layered_inversion(guns, iterations):
+    """The misfit falls in each stage, and the error of the speed with it; the water stays as it is."""
+    example = script("layered_inversion")
+    found = example["inverted"](example["shots"](guns), iterations, jobs=1)
+    speed, truth = found.maps["speed"], example["truth"]()
+    for stage in range(3):
+        misfits = [step.misfit for step in found.history if step.stage == stage]
+        assert misfits[-1] < misfits[0]
+    water = -example["Y"] < example["FLOOR"]
+    assert (speed[water] == example["WATER"]).all()
+    if iterations > 1:
+        assert np.linalg.norm(speed - truth) < 0.9 * np.linalg.norm(example["START"] - truth)

@@ -15,6 +15,14 @@ EXAMPLES = DOCS.parent / "examples"
 SCRIPTS = Path(__file__).with_name("scripts.py")
 REFUSED = {"dispersive_pulse": 2}  # an example of what `run` does not do; its exit code
 BEST = ("front.png", "damage.png", "u.png")  # pictures that stand for an example, the first of them that it has
+FIRST = (  # examples whose pictures the start page shows, each of a kind of its own
+    "two_notches.toml",
+    "branching.toml",
+    "elastic_blast.toml",
+    "letters.toml",
+    "heated_borehole.py",
+    "hidden_inclusion.py",
+)
 KINDS = {  # by what a case or script mentions
     "Corrosion": r'type = "corrosion"|fh\.Corrosion',
     "Diffusion and heat": r'type = "(diffusion|heat)"|fh\.(Diffusion|Heat)\(',
@@ -50,17 +58,27 @@ def cards() -> str:
         paths = [path for path in examples() if _kind(path) == kind]
         lines += [f"## {kind}", "", "::::{grid} 1 1 2 2", ":gutter: 2", ""]
         for path in paths:
-            lines += [
-                f":::{{grid-item-card}} {header(path)[0]}",
-                f":link: {path.stem}_{path.suffix[1:]}",
-                ":link-type: doc",
-            ]
-            if best := _best(path):
-                lines += [f":img-bottom: {_way(best)}", f":img-alt: {header(path)[0]}"]
-            lines += [":::", ""]
+            lines += _card(path, f"{path.stem}_{path.suffix[1:]}", "..")
         lines += ["::::", ""]
     pages = [page(path.stem, path.suffix[1:]).removesuffix(".md") for path in examples()]
     return "\n".join([*lines, "```{toctree}", ":hidden:", "", *pages, "```"])
+
+
+def pictures() -> str:
+    """The examples that the start page shows."""
+    lines = ["::::{grid} 2 2 3 3", ":gutter: 2", ""]
+    for path in (EXAMPLES / name for name in FIRST):
+        lines += _card(path, f"gallery/{path.stem}_{path.suffix[1:]}", ".")
+    return "\n".join([*lines, "::::"])
+
+
+def _card(path: Path, target: str, up: str) -> list[str]:
+    """An example with its picture, on a page from which `up` leads to docs/."""
+    title = header(path)[0]
+    lines = [f":::{{grid-item-card}} {title}", f":link: {target}", ":link-type: doc"]
+    if best := _best(path):
+        lines += [f":img-bottom: {_way(best, up)}", f":img-alt: {title}"]
+    return [*lines, ":::", ""]
 
 
 def examples() -> list[Path]:
@@ -83,8 +101,8 @@ def _best(path: Path) -> Path | None:
     return next((pictures[name] for name in BEST if name in pictures), next(iter(pictures.values()), None))
 
 
-def _way(picture: Path) -> str:
-    return f"../{picture.relative_to(DOCS).as_posix()}"
+def _way(picture: Path, up: str = "..") -> str:
+    return f"{up}/{picture.relative_to(DOCS).as_posix()}"
 
 
 def _page(path: Path) -> str:

@@ -1,9 +1,9 @@
 """What pages ask for by a comment, which a reader of the plain Markdown does not see:
 
 ``<!-- keys -->`` every key of a case file, ``<!-- commands -->`` the command line, ``<!-- gallery -->`` all examples,
-``<!-- run: NAME -->`` a program beside the page, what it printed and how long it took, ``<!-- check: NAME -->`` and
-``<!-- compare: NAME -->`` what these commands say of a case, and after them ``<!-- picture: FILE | CAPTION -->`` a
-picture that was drawn. Links to examples lead to their pages in the gallery.
+``<!-- pictures -->`` a few of them, ``<!-- run: NAME -->`` a program beside the page, what it printed and how long it
+took, ``<!-- check: NAME -->`` and ``<!-- compare: NAME -->`` what these commands say of a case, and after them
+``<!-- picture: FILE | CAPTION -->`` a picture that was drawn. Links to examples lead to their pages in the gallery.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import programs
 from sphinx.application import Sphinx
 
 ASKED = re.compile(
-    r"^<!-- (keys|commands|gallery|run|check|compare|picture)(?:: (.*?))? -->$", re.MULTILINE | re.DOTALL
+    r"^<!-- (keys|commands|gallery|pictures|run|check|compare|picture)(?:: (.*?))? -->$", re.MULTILINE | re.DOTALL
 )
 EXAMPLE = re.compile(r"\]\((?:\.\./)+examples(?:/([\w-]+)\.(toml|py))?\)")
 
@@ -42,7 +42,8 @@ def read(app: Sphinx, name: str, content: list[str]) -> None:
         if what == "picture":
             file, _, caption = (part.strip() for part in given.partition("|"))
             return picture(page.parent, ran[-1], file, " ".join(caption.split()))
-        return {"keys": keys.markdown, "commands": commands.markdown, "gallery": gallery.cards}[what]()
+        made_of = {"keys": keys.markdown, "commands": commands.markdown, "gallery": gallery.cards}
+        return {**made_of, "pictures": gallery.pictures}[what]()
 
     up = posixpath.relpath("gallery", posixpath.dirname(name) or ".")
     linked = EXAMPLE.sub(lambda m: f"]({up}/{gallery.page(m[1], m[2]) if m[1] else 'index.md'})", content[0])

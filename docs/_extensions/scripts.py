@@ -234,6 +234,101 @@ def released_heat(names: Names) -> Figure:
     return figure
 
 
+def event_location(names: Names) -> Figure:
+    """Where the reversed records meet, with what was found; and the seismograms at the surface beside those of it."""
+    misfit, (stations, place) = names["seismograms"](), (np.array(names["STATIONS"]), names["PLACE"])
+    image = fh.image([(names["ground"](), misfit)], names["UNTIL"], show="sources")
+    first = names["meeting"](image)
+    found, tensor = names["located"](misfit, first)
+    line = fh.Receivers(stations)
+    event = fh.MomentTensor(found, tensor, names["PULSE"])
+    fh.Simulation.of(names["ground"](event), observe=[line]).run(names["UNTIL"], progress=False)
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    section, records = figure.subplots(1, 2, width_ratios=(1.5, 1))
+    x, y = names["LATTICE"].coordinates()
+    near = np.min([np.hypot(x - a, y - b) for a, b in stations], axis=0)
+    largest = image[near > 6.0].max()
+    drawn = section.pcolormesh(x, y, image / largest, cmap="magma", vmin=0.3, vmax=1.0, shading="gouraud")
+    section.plot(*stations.T, "wv", ms=7, mec="k", label="stations", clip_on=False)
+    section.plot(*first, "o", color="C9", ms=8, mfc="none", mew=1.5, label="records meet")
+    section.plot(*place, "+", color="w", ms=16, mew=2, label="true place")
+    section.plot(*found, "x", color="C2", ms=8, mew=2, label="by the gradient")
+    legend = section.legend(loc="lower left", fontsize="small", framealpha=0.85, facecolor="0.6")
+    legend.set_zorder(5)
+    section.set(aspect="equal", xlabel="x", ylabel="y", title="largest displacement of the reversed records")
+    figure.colorbar(drawn, ax=section, shrink=0.7)
+    at_surface = stations[:, 1] == 0
+    louder = 3.5 / np.abs(misfit.data["u"][:, at_surface, 1]).max()
+    for number in np.flatnonzero(at_surface):
+        for values, style in ((misfit.data["u"], "k-"), (line.data["u"], "C2-")):
+            records.plot(stations[number, 0] + louder * values[:, number, 1], line.times, style, lw=0.8)
+    records.plot([], [], "k-", label="with noise")
+    records.plot([], [], "C2-", label="of the event that was found")
+    records.set(xlabel="x", ylabel="t", title="vertical displacement at the surface", ylim=(names["UNTIL"], 0))
+    records.legend(loc="upper right", fontsize="x-small")
+    return figure
+
+
+def surface_array(names: Names) -> Figure:
+    """What the array records of one burst beside that of sound ground, and the image of all bursts with the crack."""
+    shots, middle = names["shots"](), 4
+    setup, misfit = shots[middle]
+    line = fh.Receivers(names["ELEMENTS"])
+    fh.Simulation.of(setup, observe=[line]).run(names["UNTIL"], progress=False)
+    figure = Figure(figsize=(10.0, 3.8), layout="constrained")
+    record, section = figure.subplots(1, 2, width_ratios=(1, 1.7))
+    echo = misfit.data["u"] - line.data["u"]
+    largest = np.abs(echo).max()
+    record.pcolormesh(
+        names["ELEMENTS"][:, 0], line.times, echo, cmap="gray", vmin=-largest, vmax=largest, shading="nearest"
+    )
+    record.plot(setup.sources[0].at[0], 0, "r*", ms=10, clip_on=False, label="sends")
+    record.set(xlabel="element at x", ylabel="t", title="echoes of one burst", ylim=(names["UNTIL"], 0))
+    record.legend(loc="lower left", fontsize="small")
+    x, y = names["LATTICE"].coordinates()
+    image = names["imaged"](shots)
+    image = image / np.abs(image).max()
+    drawn = section.pcolormesh(x, y, image, cmap="RdBu_r", vmin=-1, vmax=1, shading="gouraud")
+    section.plot(*names["CRACK"].T, "k-", lw=1.5, label="crack")
+    section.plot(*names["ELEMENTS"].T, "v", color="0.3", ms=4, clip_on=False, label="array")
+    sending = np.array([shot.sources[0].at for shot, _ in shots])
+    section.plot(*sending.T, "r*", ms=9, clip_on=False, label="sends")
+    section.set(aspect="equal", xlabel="x", ylabel="y", title="reverse-time image of all bursts", ylim=(-46, 0))
+    section.legend(loc="lower left", fontsize="small")
+    figure.colorbar(drawn, ax=section, shrink=0.7)
+    return figure
+
+
+def layered_inversion(names: Names) -> Figure:
+    """The ground, the start, what was found, and the records of a gun in the middle."""
+    shots = names["shots"]()
+    found = names["inverted"](shots).maps["speed"]
+    shown = {"true ground": names["truth"](), "start": names["START"], "found": found}
+    _, misfit = shots[len(shots) // 2]
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    panels = figure.subplots(2, 2)
+    x, y = names["X"], names["Y"]
+    for panel, (title, speed) in zip(panels.flat, shown.items(), strict=False):
+        drawn = panel.pcolormesh(x, -y, speed, cmap="viridis", vmin=1500, vmax=2600, shading="nearest", rasterized=True)
+        panel.set(title=title, xlabel="x in m", ylabel="depth in m", ylim=(990, 0), xlim=(0, 2990))
+    guns = np.array([shot.sources[0].at for shot, _ in shots])
+    panels[0, 0].plot(guns[:, 0], -guns[:, 1], "r*", ms=9, clip_on=False, label="guns")
+    panels[0, 0].plot(*(misfit.receivers.points * (1, -1)).T, "w.", ms=1.5, label="hydrophones")
+    panels[0, 0].legend(loc="lower left", fontsize="small", facecolor="0.6")
+    figure.colorbar(drawn, ax=list(panels.flat[:3]), label="speed of sound in m/s", location="left", shrink=0.7)
+    data, record = misfit.data["u"], panels[1, 1]
+    times, places = names["DT"] * np.arange(len(data)), misfit.receivers.points[:, 0]
+    louder = data * times[:, None] ** 2
+    largest = np.quantile(np.abs(louder), 0.98)
+    record.pcolormesh(
+        places, times, louder, cmap="gray", vmin=-largest, vmax=largest, shading="nearest", rasterized=True
+    )
+    record.set(
+        xlabel="x in m", ylabel="time in s", ylim=(names["UNTIL"], 0), title="record of one gun, times t squared"
+    )
+    return figure
+
+
 def main() -> None:
     script, picture = map(Path, sys.argv[1:])
     globals()[script.stem](runpy.run_path(str(script))).savefig(picture, dpi=150)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.resolution import ENOUGH, band, dispersion, gain_of_time, lines_of, resolution
+from farhorizon.analysis.resolution import ENOUGH, band, delay, gain_of_time, lines_along, resolution, trace_error
 
 LINE = fh.Stencil.finite_difference(1)
 
@@ -57,11 +57,24 @@ def test_the_error_of_a_trace(kernel, nodes):
     times = receivers.times - sim.dt / 2
     exact = np.where(times > way, signal(np.maximum(times - way, 0.0)), 0.0) / 2
     frequencies = np.linspace(0.0, signal.highest_frequency, 257)
-    given = frequencies, np.abs(signal.spectrum(frequencies)), way
-    found = dispersion(lines_of(sim.stencil), 1.0, sim.dt, *given)
+    lines = lines_along(sim.stencil, np.array([1.0]))
+    found = trace_error(lines, 1.0, sim.dt, frequencies, np.abs(signal.spectrum(frequencies)), way)
     measured = np.abs(receivers.data["v"][:, 0] - exact).max() / np.abs(exact).max()
-    assert found.error == pytest.approx(measured, rel=0.1)
-    assert found.cycles > 0
+    assert found == pytest.approx(measured, rel=0.1)
+    # the phase of the trace at the frequency of the signal, to the four digits that the samples of the branch have
+    spectra = [(trace * np.exp(-2j * np.pi * times / nodes)).sum() for trace in (receivers.data["v"][:, 0], exact)]
+    late = -np.angle(spectra[0] / spectra[1]) / (2 * np.pi)
+    assert delay(lines, 1.0, sim.dt, 1.0 / nodes, way) == pytest.approx(late, rel=1e-3, abs=1e-5)
+
+
+def test_waves_along_a_diagonal_are_less_late():
+    """Along the axis ``k (k^2 / 24)``, along the diagonal of a square lattice half of it, per node of the way."""
+    stencil, number = fh.Stencil.finite_difference(2), 0.2
+    for way, part in (((3.0, 0.0), 1.0), ((0.0, -2.0), 1.0), ((1.0, 1.0), 0.5), ((1.0, 0.5), 17 / 25)):
+        lines = lines_along(stencil, np.array(way))
+        late = delay(lines, 1.0, 1e-3, number / (2 * np.pi), 100.0)
+        # the next term of the series is smaller by k^2 / 10
+        assert late == pytest.approx(part * 100 * number**3 / 24 / (2 * np.pi), rel=1e-2)
 
 
 def test_band_of_a_packet():

@@ -106,6 +106,17 @@ CASES = {
         observe=[fh.Receivers([(8.3, 9.4, 9.5), (8.0, 9.0, 9.0)]), fh.Spectra(fh.Box((3, 4, 5), (9, 9, 9)), 0.1)],
     ),
     "3D, reach 1 and 2": lambda: waves((11, 12, 13), {"x": SLOW, "y-": fh.Fixed(0.0), "y+": SLOW, "z": fh.Periodic()}),
+    "modified equation": lambda: waves(
+        (17, 18, 19), model=fh.Wave(fh.Kernel(1.5), integrator="modified-equation"), sources=source((17, 18, 19))
+    ),
+    "modified equation, solid": lambda: fh.Simulation(
+        lattice(19, 20),
+        fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based", integrator="modified-equation"),
+        {"x": SLOW, "y-": SLOW, "y+": fh.Free()},
+        {"u": bump((19, 20), 2)},
+        sources=source((19, 20), 2),
+        cracks=[[(8.5, 8.2), (8.5, 11.3)]],
+    ),
     "exact ends": lambda: waves((40,), fh.Exact(), sources=source((40,))),
     "diffusion, Chebyshev": lambda: waves(
         (15, 16), SLOW, fh.Diffusion(fh.Kernel(2.0), integrator=fh.RungeKuttaChebyshev(4)), sources=source((15, 16))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
+from farhorizon.medium.integrators import ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 
 ENOUGH = 6.0  # nodes per wavelength of a well-resolved wave
@@ -28,9 +29,13 @@ class Resolution(NamedTuple):
     scale: float
 
 
-def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Resolution:
-    """How a lattice resolves the waves of a frequency (cycles per time), by the dispersion of stencil and velocity
-    Verlet; `rate`, the squared speed over the squared spacing, is the factor on the stencil.
+Scheme = Verlet | ModifiedEquation
+
+
+def resolution(stencil: Stencil, rate: float, dt: float, frequency: float, scheme: Scheme | None = None) -> Resolution:
+    """How a lattice resolves the waves of a frequency (cycles per time), by the dispersion of the stencil and of the
+    time stepping, velocity Verlet unless given; `rate`, the squared speed over the squared spacing, is the factor on
+    the stencil.
 
     Examples
     --------
@@ -42,59 +47,81 @@ def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Re
     """
     lines = [_branches(stencil, np.array(direction)) for direction in _directions(stencil.dim)]
     lowest = [float(np.interp(2 * np.pi / ENOUGH, numbers, branch)) for numbers, values in lines for branch in values.T]
-    enough = np.arcsin(min(1.0, min(lowest) * np.sqrt(rate) * dt / 2)) / (np.pi * dt)
+    scheme = Verlet() if scheme is None else scheme
+    enough = scheme.frequency_of_steps(min(lowest) * float(np.sqrt(rate)), dt)
     if frequency * dt >= 0.5:  # beyond the Nyquist frequency of the steps
         return Resolution(0.0, float(enough / frequency))
-    root = 2 / dt * np.sin(np.pi * frequency * dt) / np.sqrt(rate)
+    root = float(scheme.frequency_of_nodes(np.array(frequency), dt)) / np.sqrt(rate)
     largest = max(_wavenumber(numbers, branch, root) for numbers, values in lines for branch in values.T)
     nodes = np.inf if largest == 0 else 2 * np.pi / largest
     return Resolution(float(nodes), float(enough / frequency))
 
 
-class Dispersion(NamedTuple):
-    """What the dispersion of a lattice does to a signal on its way, relative to waves that all have one speed."""
-
-    #: Cycles by which half of the amplitude, the part of higher frequencies, lags at least (if negative, it leads).
-    cycles: float
-    #: Largest error of the trace relative to the largest value of the signal.
-    error: float
-
-
 Lines = list[tuple[np.ndarray, np.ndarray]]
-"""Wavenumbers times spacing, and the frequency of one branch at them, along axes and diagonals."""
+"""Wavenumbers times spacing, and the frequency of one branch at them, along a direction."""
 
 
-def lines_of(stencil: Stencil) -> Lines:
-    """The branches of a stencil without a reaction along axes and diagonals."""
-    lines = [_branches(stencil, np.array(direction)) for direction in _directions(stencil.dim)]
-    return [(numbers, branch) for numbers, values in lines for branch in values.T if branch[1] > 0]
+def lines_along(stencil: Stencil, way: np.ndarray) -> Lines:
+    """The branches of a stencil without a reaction along a way, shape (dim,)."""
+    numbers, values = _branches(stencil, way / np.abs(way).max())
+    return [(numbers, branch) for branch in values.T if branch[1] > 0]
 
 
-def dispersion(
-    lines: Lines, rate: float, dt: float, frequencies: np.ndarray, amplitudes: np.ndarray, distance: float
-) -> Dispersion:
-    """What stencil and velocity Verlet do over a distance in nodes to a signal whose frequencies have their peaks at
-    the same time, along the axis or diagonal on which its waves are delayed most; `rate` as in `resolution`.
-
-    The frequencies (n,), in cycles per time, are multiples of one from 0 on; `lines` are `lines_of` a stencil.
+def delay(
+    lines: Lines, rate: float, dt: float, frequency: float, distance: float, scheme: Scheme | None = None
+) -> float:
+    """Periods by which stencil and time stepping delay a wave of a frequency (cycles per time) on a way of some nodes,
+    relative to long waves of the same type; negative if it is early. Of several types, that with the largest error;
+    `rate` and `scheme` as in `resolution`.
 
     Examples
     --------
     >>> from farhorizon.medium.stencil import Stencil
-    >>> lines, frequencies = lines_of(Stencil.finite_difference(1)), np.array([0.0, 0.1])
-    >>> lag = dispersion(lines, 1.0, 0.1, frequencies, np.array([0.0, 1.0]), 20.0)  # 2 wavelengths of 10 nodes
-    >>> round(lag.cycles, 3), round(lag.error, 3)
-    (0.034, 0.213)
+    >>> lines = lines_along(Stencil.finite_difference(1), np.array([1.0]))
+    >>> round(delay(lines, 1.0, 0.1, 0.1, 20.0), 3)  # 2 wavelengths of 10 nodes, (2 pi / 10)^2 / 24 too slow
+    0.034
     """
-    roots = 2 / dt * np.sin(np.pi * np.minimum(frequencies * dt, 0.5)) / np.sqrt(rate)
+    phases = _phases(lines, rate, dt, np.array([frequency]), distance, scheme)
+    return float(max((phase[0] for phase in phases), key=abs) / (2 * np.pi))
+
+
+def trace_error(
+    lines: Lines,
+    rate: float,
+    dt: float,
+    frequencies: np.ndarray,
+    amplitudes: np.ndarray,
+    distance: float,
+    scheme: Scheme | None = None,
+) -> float:
+    """Largest error, relative to the largest value, that stencil and time stepping make over a distance in nodes in a
+    signal whose frequencies have their peaks at the same time, for the type of waves that is delayed most.
+
+    The frequencies (n,), in cycles per time, are multiples of one from 0 on; `rate` and `scheme` as in `resolution`.
+
+    Examples
+    --------
+    >>> from farhorizon.medium.stencil import Stencil
+    >>> lines = lines_along(Stencil.finite_difference(1), np.array([1.0]))
+    >>> round(trace_error(lines, 1.0, 0.1, np.array([0.0, 0.1]), np.array([0.0, 1.0]), 20.0), 3)
+    0.213
+    """
+    phase = max(
+        _phases(lines, rate, dt, frequencies, distance, scheme), key=lambda phase: float(amplitudes @ np.abs(phase))
+    )
+    error = np.fft.fft(amplitudes * (1 - np.exp(-1j * phase)), 8 * len(phase)).real  # eight times per shortest period
+    return float(np.abs(error).max() / amplitudes.sum())
+
+
+def _phases(
+    lines: Lines, rate: float, dt: float, frequencies: np.ndarray, distance: float, scheme: Scheme | None
+) -> list[np.ndarray]:
+    """Phases by which waves of each type are behind long ones after a distance in nodes."""
+    roots = (Verlet() if scheme is None else scheme).frequency_of_nodes(frequencies, dt) / np.sqrt(rate)
     omega = 2 * np.pi * frequencies / np.sqrt(rate)
-    phases = [
+    return [
         distance * (_wavenumbers(numbers, branch, roots) - omega * numbers[1] / branch[1]) for numbers, branch in lines
     ]
-    phase = max(phases, key=lambda delay: float(amplitudes @ np.abs(delay)))
-    error = np.fft.fft(amplitudes * (1 - np.exp(-1j * phase)), 8 * len(phase)).real  # eight times per shortest period
-    middle = int(np.searchsorted(amplitudes.cumsum(), amplitudes.sum() / 2))
-    return Dispersion(float(phase[middle] / (2 * np.pi)), float(np.abs(error).max() / amplitudes.sum()))
 
 
 def _wavenumbers(numbers: np.ndarray, branch: np.ndarray, roots: np.ndarray) -> np.ndarray:
@@ -113,7 +140,7 @@ def _branches(stencil: Stencil, direction: np.ndarray) -> tuple[np.ndarray, np.n
     branches there, roots of the eigenvalues of the symbol, shape (n, components).
     """
     part = np.linspace(0.0, np.pi, _SAMPLES)
-    symbol = stencil.branches(*(part * int(n) for n in direction))
+    symbol = stencil.branches(*(part * n for n in direction))
     return part * float(np.linalg.norm(direction)), np.sqrt(np.maximum(symbol, 0.0))
 
 

@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 from farhorizon.case.changes import steps
+from farhorizon.case.inversion_schema import inversion_part
 from farhorizon.case.schema import Part, case_part, schema_of
 from farhorizon.case.toml import literal
 from farhorizon.errors import InputError
@@ -121,10 +122,11 @@ def explain_keys(prefix: str, width: int = 100) -> str:
     """Description of a key and of the keys below it, as text with `width` characters per line.
 
     `prefix` is the first part of a dotted key or all of it, with numbers of list entries and types of tables if desired
-    ("crack[0]", "model.elastic.young", "boundary.x-"). If it is empty, the tables of a case are listed. The InputError
-    for an unknown key names the most similar ones.
+    ("crack[0]", "model.elastic.young", "boundary.x-"), or of an inversion file ("inversion.smooth", "shot"). If it is
+    empty, the tables of a case are listed. The InputError for an unknown key names the most similar ones.
     """
-    keys = all_keys()
+    of_inversions = re.match(r"inversion\b|shot\b", prefix)
+    keys = list(_keys_of(inversion_part())) if of_inversions else all_keys()
     path, types = _place(prefix, keys)
     of_any_type = [key for key in keys if key.path == path]
     keys = [key for key in keys if types <= set(key.types)]

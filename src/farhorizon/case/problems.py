@@ -26,9 +26,9 @@ def _tags(table: type[Part]) -> tuple[str, ...]:
     return get_args(table.model_fields["type"].annotation) if "type" in table.model_fields else ()
 
 
-def _at(location: tuple[Any, ...]) -> list[type[Part]]:
-    """Tables at a place of the schema; places include the types of tables on the way."""
-    tables: list[type[Part]] = [case_part()]
+def _at(root: type[Part], location: tuple[Any, ...]) -> list[type[Part]]:
+    """Tables at a place of the schema of a file; places include the types of tables on the way."""
+    tables: list[type[Part]] = [root]
     for step in location:
         having = [table for table in tables if step in table.model_fields]
         if having:
@@ -38,9 +38,9 @@ def _at(location: tuple[Any, ...]) -> list[type[Part]]:
     return tables
 
 
-def _known(location: tuple[Any, ...]) -> list[str]:
+def _known(root: type[Part], location: tuple[Any, ...]) -> list[str]:
     """Keys allowed at a place of the schema."""
-    return list(dict.fromkeys(name for table in _at(location) for name in table.model_fields))
+    return list(dict.fromkeys(name for table in _at(root, location) for name in table.model_fields))
 
 
 # What pydantic expects, in words, by its type of error.
@@ -109,9 +109,9 @@ def _elsewhere(word: str, known: Iterable[str]) -> str:
     return f"type = {literal(places[0][0])} in {places[0][1]}" if places else ""
 
 
-def _types(location: tuple[Any, ...]) -> list[str]:
+def _types(root: type[Part], location: tuple[Any, ...]) -> list[str]:
     """Types that a table at a place of the schema may have."""
-    return [tag for table in _at(location) for tag in _tags(table)]
+    return [tag for table in _at(root, location) for tag in _tags(table)]
 
 
 def _instead(location: tuple[Any, ...]) -> str:
@@ -120,21 +120,24 @@ def _instead(location: tuple[Any, ...]) -> str:
     return models[0].others.get(str(location[-1]), "") if models else ""
 
 
-def _meaning(location: tuple[Any, ...]) -> str:
+def _meaning(root: type[Part], location: tuple[Any, ...]) -> str:
     """Description of a key from the schema."""
-    fields = [table.model_fields.get(location[-1]) for table in _at(location[:-1])]
+    fields = [table.model_fields.get(location[-1]) for table in _at(root, location[:-1])]
     texts = [field.description for field in fields if field and field.description]
     return f": {texts[0][0].lower()}{' '.join(texts[0][1:].split()).rstrip('.')}" if texts else ""
 
 
-def explain(error: ValidationError, data: dict[str, Any]) -> str:
-    """The first problems in one line: key, value, what is wrong, the most similar known key."""
+def explain(error: ValidationError, data: dict[str, Any], table: type[Part] | None = None) -> str:
+    """The first problems in one line: key, value, what is wrong, the most similar known key; `table` is that of the
+    file, of a case unless given.
+    """
+    root = case_part() if table is None else table
     # misspelt keys first, because they are why other keys are missing
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     by_key: dict[str, list[Any]] = {}
     for problem in problems:
         by_key.setdefault(_key(data, tuple(problem["loc"]), problem["type"] == "missing"), []).append(problem)
-    return " | ".join(_problem(key, problems) for key, problems in list(by_key.items())[:3])
+    return " | ".join(_problem(root, key, problems) for key, problems in list(by_key.items())[:3])
 
 
 def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
@@ -150,7 +153,7 @@ def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
     return path
 
 
-def _problem(key: str, problems: list[Any]) -> str:
+def _problem(root: type[Part], key: str, problems: list[Any]) -> str:
     """What is wrong with one key; there is one problem for each type that it may have."""
     first = problems[0]
     location, context = tuple(first["loc"]), first.get("ctx", {})
@@ -160,15 +163,15 @@ def _problem(key: str, problems: list[Any]) -> str:
                 InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ..."))
             )
         case "extra_forbidden":
-            word, known = str(location[-1]), _known(location[:-1])
+            word, known = str(location[-1]), _known(root, location[:-1])
             remedy = _instead(location) or _elsewhere(word, known)
             return f"unknown key {key}; {suggestion(word, known)}{f'; remedy: {remedy}' if remedy else ''}"
         case "missing":
-            return f"missing key {key}{_meaning(location)}"
+            return f"missing key {key}{_meaning(root, location)}"
         case "value_error" if isinstance(context["error"], InputError):  # its key is relative to the table
             return str(context["error"].at(f"{key}.{context['error'].key}".lstrip(".")))
         case "union_tag_not_found" | "union_tag_invalid":
-            types = _types(location)
+            types = _types(root, location)
             message = "unknown type" if "tag" in context else "the type is missing"
             near = _meant(str(context["tag"]), types) if "tag" in context else types[:1]
             return str(

@@ -153,12 +153,12 @@ def _beside_the_case(name: str, info: ValidationInfo) -> str:
 
 
 Number = Annotated[float, _no_truth_value("float_type"), Field(allow_inf_nan=False)]
-GlobalDomain = Annotated[int, _no_truth_value("int_type")]
+Whole = Annotated[int, _no_truth_value("int_type")]
 Flag = Annotated[bool, Strict()]  # neither "yes" nor 1 passes
 FilePath = Annotated[str, AfterValidator(_beside_the_case)]  # relative to the case file
 Value = str | Number | list[str | Number]  # an expression or a number; for vectors one per component
 Named: TypeAlias = Literal[*named_materials()]  # type: ignore[valid-type]
-_TOML = {float: Number, int: GlobalDomain, bool: Flag, str: str, np.ndarray: list[Number], Path: FilePath}
+_TOML = {float: Number, int: Whole, bool: Flag, str: str, np.ndarray: list[Number], Path: FilePath}
 _PLAIN = "expression"  # the tag of a function of t that is no signal
 _SI = {"young": "Pa", "poisson": "", "speed": "m/s", "density": "kg/m^3"}  # of the constants of named materials
 
@@ -223,9 +223,9 @@ class RunPart(Part):
     """Time step; unless given, at most half of the largest stable one."""
     dtype: str = "float64"
     """Precision of the run: float64, or float32 for half the memory."""
-    threads: GlobalDomain | None = None
+    threads: Whole | None = None
     """Threads of the time loop; all that are available unless given."""
-    topology: list[GlobalDomain] | None = None
+    topology: list[Whole] | None = None
     """Boxes of the lattice along each axis, one per process (mpiexec); those that communicate least unless given."""
 
 
@@ -398,12 +398,12 @@ class Tables:
                 options.append(option)
                 keys |= its_keys
             arguments[name] = Argument(tuple(options), needed, {name: default} if stated and not needed else {})
-        if is_model(maker) and "integrator" in keys:
+        if is_model(maker) and "integrator" in keys and not issubclass(maker, fh.Wave | fh.Elastic):
             words = "Number of stages of the integrator rkc; 20 unless given."
-            keys["stages"] = (GlobalDomain | None, Field(None, description=words))
+            keys["stages"] = (Whole | None, Field(None, description=words))
         if is_model(maker) and issubclass(maker, fh.Wave) and "stencil" in keys:
             words = "Order of accuracy of the finite differences: 2, unless given, 4, 6 or 8."
-            keys["order"] = (GlobalDomain | None, Field(None, description=words))
+            keys["order"] = (Whole | None, Field(None, description=words))
         if is_model(maker) and "density" in keys and {"young", "speed"} & keys.keys():
             keys |= _of_material("the medium")
         return keys, arguments

@@ -133,7 +133,7 @@ class Strip:
     ) -> None:
         dim, spacing = sim.lattice.dim, sim.lattice.spacing
         along = [a for a in range(dim) if a != axis]
-        stages = max(1, len(sim.engine.stages.numbers) * (sim.model.order == 1))
+        stages = len(sim.engine.stages.numbers)
         shape = [width] + [2 * stages * sim.stencil.reach[a] + 1 for a in along]
         lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])

@@ -14,20 +14,10 @@ from typing_extensions import TypedDict
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.chain_modes import LatticeMedium
 from farhorizon.analysis.layers.reflection import LayerSide
-from farhorizon.analysis.resolution import (
-    ENOUGH,
-    Band,
-    Dispersion,
-    band,
-    dispersion,
-    faded,
-    gain_of_spectrum,
-    gain_of_time,
-    lines_of,
-    resolution,
-)
+from farhorizon.analysis.resolution import ENOUGH, Band, band, faded, gain_of_spectrum, gain_of_time, resolution
 from farhorizon.analysis.stability import Allowance, step_seconds
 from farhorizon.boundaries import Fixed, Side
+from farhorizon.checks.arrival import Arrival
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, rate_text
 from farhorizon.checks.examined import Examined, Timed
 from farhorizon.checks.facts import (
@@ -62,9 +52,6 @@ _ROUNDING = 1e-14  # error of layers, relative to the largest value, below which
 _MUCH = 1e-3  # amplitude that a layer of given thickness may reflect without a warning
 _MUCH_OF_SPONGE = 0.05  # the same for a sponge, which needs many wavelengths
 _FITS = 1e-6  # of a step, by which the end of a run may lie after the last one
-_FREQUENCIES = 257  # samples of a spectrum, which resolve delays of up to 128 of its shortest periods
-_VISIBLE = 0.05  # error of a trace that a picture shows
-_STEPS = 4  # corrections of a spacing: the error is of second order in it, unless it is large
 _WORTH = 1.0  # savings in seconds that are worth a note
 _MORE = "farhorizon check CASE.toml --details, in Python print(report.details)"
 _SHORT = (
@@ -354,11 +341,23 @@ class Report:
     def _describe(self, sim: Examined, waves: Band | None) -> None:
         """Add sizes, time step, layers and memory."""
         self.rows += [*lattice_rows(sim), *wave_rows(sim, waves)]
-        self._resolve(sim)
+        arrival = None if sim.model.order == 1 or sim.stencil.strongest_reaction else Arrival.of(sim, waves)
+        if arrival is not None:
+            self._arrive(arrival)
+        self._resolve(sim, arrival)
         self.rows += [*layer_rows(sim, waves), *side_rows(sim), *metal_rows(sim), *size_rows(sim), *bond_rows(sim)]
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(sim.engine.nbytes)}
 
-    def _resolve(self, sim: Examined) -> None:
+    def _arrive(self, arrival: Arrival) -> None:
+        """Say how late waves arrive at what is observed, and note it if that is visible in a trace."""
+        self._say("dispersion", arrival.in_words)
+        self.numbers |= {"phase_cycles": arrival.cycles}
+        if arrival.error is not None:
+            self.numbers |= {"trace_error": arrival.error}
+        if arrival.visible:
+            self.notes.append(f"the dispersion of stencil and step is visible: {arrival.in_words}")
+
+    def _resolve(self, sim: Examined, arrival: Arrival | None) -> None:
         """Say how many nodes the shortest wave of the signals has in the slowest medium, and warn of too few."""
         if sim.model.order == 1 or not sim.signals:
             return
@@ -368,47 +367,19 @@ class Report:
             self.warnings.append(f"{key} contains all frequencies, but the lattice carries only some of them")
             return
         rate = sim.model.coefficient * sim.weakest / sim.lattice.spacing**2
-        shortest = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest)
+        scheme: Any = sim.model.integrator
+        shortest = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest, scheme)
         resolving = shortest.scale * sim.lattice.spacing
         nodes = f"{shortest.nodes:.3g} nodes" if shortest.nodes else "shorter than the lattice carries"
         self._say("shortest wave", f"{nodes}, at {frequency_text(highest)}; a thousandth of {key} lies above")
         self.numbers |= {"shortest_wave_nodes": shortest.nodes, "resolving_spacing": resolving}
-        finer = self._disperse(sim, signal, rate, shortest.scale) if not sim.stencil.strongest_reaction else ""
         if shortest.nodes < ENOUGH:
+            finer = "" if arrival is None else arrival.on_finer(shortest.scale)
             spacing = f"spacing = {resolving:.2g}"
             self.warnings.append(
                 f"the shortest waves of {key} are badly resolved ({nodes}, but {ENOUGH:g} are needed): {spacing} "
                 f"resolves them, with as many spacings per horizon as here{finer}"
             )
-
-    def _disperse(self, sim: Examined, signal: Signal, rate: float, scale: float) -> str:
-        """Say how wrong the dispersion of the lattice makes a trace on the longest way that is observed, and note it if
-        that is visible; returns what remains of it on a lattice whose spacing is smaller by a factor.
-        """
-        path, frequencies = longest_path(sim), np.linspace(0.0, signal.highest_frequency, _FREQUENCIES)
-        amplitudes = np.abs(signal.spectrum(frequencies))
-        amplitudes[~np.isfinite(amplitudes)] = 0.0  # the constant part, which has no phase
-
-        lines, nodes = lines_of(sim.stencil.beside(sim.weakest)), path / sim.lattice.spacing
-
-        def errors(factor: float) -> Dispersion:
-            return dispersion(lines, rate, sim.dt, factor * frequencies, amplitudes, nodes / factor)
-
-        here, finer = errors(1.0), 1.0
-        lag = f"{abs(here.cycles):.2g} cycles {'behind' if here.cycles > 0 else 'ahead'}"
-        error = f"about {100 * here.error:.2g} % of their largest value"
-        self._say("dispersion", f"after a way of {length_text(path)} traces are wrong by {error}, {lag}")
-        self.numbers |= {"phase_cycles": here.cycles, "trace_error": here.error}
-        if here.error > _VISIBLE:
-            for _ in range(_STEPS):  # of an error of second order
-                finer *= min(1.0, np.sqrt(_VISIBLE / errors(finer).error))
-            self.notes.append(
-                f"the dispersion of stencil and step makes traces wrong by {error} after a way of {length_text(path)}, "
-                f"the longest to what is observed: half of the signal's amplitude is {lag} or more; spacing = "
-                f"{finer * sim.lattice.spacing:.2g} leaves {100 * _VISIBLE:g} %, with as many spacings per horizon"
-            )
-        left = f"{100 * errors(scale).error:.2g} % after {length_text(path)}"
-        return f", and leaves traces that are wrong by about {left}"
 
     def _cut_short(self, sim: Examined, until: float) -> None:
         """Say which signals continue after the end of the run; if one hardly begins, its unit of time may be wrong."""
@@ -643,20 +614,6 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
             scalars += [(faded(part, free), sim.model.order - 1, None) for part in parts]
     components, orders, gains = zip(*scalars, strict=True)
     return band(components, sim.lattice.spacing, orders, gains)
-
-
-def longest_path(sim: Examined) -> float:
-    """The largest distance from what sends waves to a point that is observed, or, where none is given, to a corner."""
-    low, high = sim.lattice.lower, sim.lattice.upper
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
-    spaces = [np.abs(space).reshape(-1, *sim.lattice.shape).max(0) for space, _ in sim.sources if space is not None]
-    nodes = [np.unravel_index(int(space.argmax()), space.shape) for space in spaces if space.any()]
-    senders = [low + sim.lattice.spacing * np.array(node) for node in nodes] or list(corners)
-    points = [getattr(recorder, "points", None) for recorder in sim.recorders]
-    observed = np.concatenate(
-        [np.asarray(some, float).reshape(-1, len(low)) for some in points if some is not None] or [corners]
-    )
-    return max(float(np.linalg.norm(observed - sender, axis=1).max()) for sender in senders)
 
 
 def _gain(

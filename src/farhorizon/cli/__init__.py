@@ -1,4 +1,5 @@
-"""The command line: new, keys, run, check, compare, sweep, plot, merge, reproduce, validate, demo, schema, info.
+"""The command line: new, keys, run, check, compare, sweep, invert, plot, merge, reproduce, validate, demo,
+schema, info.
 
 Each command is a function of the parsed options in a module named after it, which imports what it needs when it is
 called; `parser` defines the options. This module handles how the process begins and ends.

@@ -52,11 +52,42 @@ class SweepFacts(TypedDict):
     """Numbers of the cases that failed, from 0 on, with the reasons."""
 
 
+class StepFacts(TypedDict):
+    """An accepted step of an inversion."""
+
+    stage: int
+    """Number of its highest frequency, from 0 on."""
+    iteration: int
+    """Number of the iteration, through all stages."""
+    misfit: float
+    """Sum of the misfits of the shots."""
+
+
+class InvertFacts(TypedDict):
+    """An inversion that has ended."""
+
+    name: str
+    """Name of the inversion file."""
+    results: str
+    """Path of the file of maps and misfits."""
+    pictures: list[str]
+    """Paths of the pictures."""
+    message: str
+    """Why it ended."""
+    history: list[StepFacts]
+    """All steps, the start of each stage included."""
+    least: dict[str, float]
+    """Least value of each map that was found."""
+    largest: dict[str, float]
+    """Largest value of each map that was found."""
+
+
 OUTPUTS: dict[str, Any] = {
     "run": RunFacts,
     "check": ReportFacts,
     "compare": dict[str, Curve],
     "sweep": SweepFacts,
+    "invert": InvertFacts,
     "reproduce": OutcomeFacts | dict[str, OutcomeFacts] | dict[str, EntryFacts],
     "validate": OutcomeFacts | dict[str, OutcomeFacts] | dict[str, EntryFacts],
     "demo": dict[str, Curve],

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from farhorizon.cli.check_command import check_command
 from farhorizon.cli.collection_commands import reproduce_command, validate_command
 from farhorizon.cli.compare_command import compare_command, demo_command
+from farhorizon.cli.invert_command import invert_command
 from farhorizon.cli.result_commands import merge_command, plot_command
 from farhorizon.cli.run_command import run_command
 from farhorizon.cli.sweep_command import sweep_command
@@ -150,6 +151,24 @@ def _sweep(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the table NAME-sweep.csv (default: here)")
     sub.add_argument("--force", action="store_true", help="compute again what the table already contains")
+
+
+def _invert(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "file",
+        metavar="FILE",
+        help="inversion file (TOML): a table [inversion] with the words of fh.invert, and a table [[shot]] with case "
+        "and data for each run; farhorizon keys inversion explains them",
+    )
+    sub.add_argument("--out", metavar="DIR", default=".", help="folder of NAME_inversion.h5 (default: here)")
+    sub.add_argument("--force", action="store_true", help="begin anew instead of continuing NAME_inversion.h5")
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="another value of a key of the file, such as inversion.iterations=40; may be repeated",
+    )
 
 
 def _plot(sub: argparse.ArgumentParser) -> None:
@@ -302,6 +321,12 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
         sweep_command,
         (_sweep, _changes, _computing),
         "run a case for many values of some keys and collect the results in one table, which a later call continues",
+    ),
+    "invert": (
+        invert_command,
+        (_invert, _computing),
+        "find the medium for which runs agree with data: writes NAME_inversion.h5, which a later call continues, and "
+        "pictures",
     ),
     "plot": (plot_command, (_plot,), "draw pictures of a results file"),
     "merge": (merge_command, (_merge,), "merge the results of several processes into one file"),

@@ -213,7 +213,8 @@ class Engine:
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         self.signs = signs = signs_of(self.components) if signs is None else signs
         alike = coefficient is None
-        self.layer_setup = LayerSetup(self.layout, self.offsets, recursion, self.dtype, self.kept, self.remember)
+        of_values = self.dtype, self.kept, self.remember
+        self.layer_setup = LayerSetup(self.layout, self.offsets, recursion, *of_values, len(stages.numbers))
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         springs = self.layer_setup if self.weights.any() else self.layer_setup._replace(recursion={})  # of two passes
         self.layer_tables = LayerTables(springs, matrices, signs, signs, alike)
@@ -553,8 +554,9 @@ class Engine:
         of_heat = [heat_pass.layer_tables for heat_pass in self.heat_passes]
         of_the_solid = [tables for tables in self.all_layers if tables not in of_heat]
         of_layers = [
-            (number, key, tables.start + cells, signs)
+            (number + stage * (len(self.all_layers) + 1), key, tables.start + start + cells, signs)
             for number, tables in enumerate(of_the_solid if self.remember else ())
+            for stage, start in enumerate(tables.starts)
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
         return of_layers + [(len(self.all_layers), key, cells, self.signs) for key, cells in self.dampers.cells()]

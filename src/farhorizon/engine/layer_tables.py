@@ -44,7 +44,7 @@ from farhorizon.engine.layers import (
     WIDTH,
     Layers,
 )
-from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned_zeros, with_defaults
+from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned, aligned_zeros, with_defaults
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,7 @@ class LayerSetup(NamedTuple):
     dtype: np.dtype  # of the field
     kept: np.dtype  # of what the layers remember
     remember: bool  # whether they have memory
+    stages: int = 1  # of a step, each of which has a memory of its own
 
 
 class LayerTables:
@@ -174,6 +175,7 @@ class LayerTables:
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights = setup.layout, setup.offsets, weights / self.unit
         self.dtype, self.kept, self.remember, self.alike = setup.dtype, setup.kept, setup.remember, alike
+        self.stages = setup.stages
         self.lanes, self.signs = 64 // self.dtype.itemsize, (inside, outside)
         self.columns, self.rows = len(inside), len(outside)
         self._profiles = {name: i for i, name in enumerate(setup.recursion)}
@@ -231,7 +233,7 @@ class LayerTables:
             cell=self.kept.itemsize * self.remember,
             unit=real.type(self.unit),
             slots=aligned_zeros(room, real),
-            memory=aligned_zeros(self.memory if self.remember else ALIGN * 4, self.kept),
+            memory=aligned_zeros(self.stages * aligned(self.memory) if self.remember else ALIGN * 4, self.kept),
             copies=self._copies(),
         )
 
@@ -565,8 +567,15 @@ class LayerTables:
         kinds += [(name(face), (1 - int(face[AXIS]), 2)) for face in self.faces]
         kinds += [(name(self.faces[edge[EDGE_FACE]]) + name(self.faces[edge[EDGE_OTHER]]), (2,)) for edge in self.edges]
         cells = self.cells(np.ones(self.layers.f.shape, bool))
-        for (called, axes), (_, places, _) in zip(kinds, cells, strict=True):
-            yield called, places.reshape(*places.shape[:2], *(self.layout.box.nodes[a] for a in axes)), axes
+        for stage, start in enumerate(self.starts):
+            for (called, axes), (_, places, _) in zip(kinds, cells, strict=True):
+                places = start + places.reshape(*places.shape[:2], *(self.layout.box.nodes[a] for a in axes))
+                yield called + f"/{stage}" * (stage > 0), places, axes
+
+    @property
+    def starts(self) -> list[int]:
+        """Where the memory of each stage begins."""
+        return [stage * aligned(self.memory) for stage in range(self.stages)]
 
     @staticmethod
     def _used(layer: np.ndarray, driven: np.ndarray, most: int | None = None) -> np.ndarray:

@@ -26,7 +26,9 @@ from farhorizon.engine.operations import (
     BOND_STENCIL,
     BREAK,
     DAMAGED,
+    DAMPERS,
     DIVERGENCE,
+    FILTER,
     FLOW_LAYERS,
     GRADIENT,
     LINES,
@@ -46,6 +48,7 @@ from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Media,
 from farhorizon.engine.threads import ALONE, side_by_side
 
 _FLOWS = 6  # the stage whose sums go into a level of their own, after those of the passes
+_STEP = 7  # the stage from the level before a step of several stages to that after it
 # operations on states that take the stage and the sums of the field
 _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
 # passes whose plain sums are made elsewhere, so that no sweep, at whose end threads meet, follows their lines
@@ -132,6 +135,9 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         which: _on_parts(table, inputs.table, which, which in split) if which in swept else ([], []) for which in passes
     }
     sums = {which: _sums(tables, which, *map(len, parts[which])) for which in passes}
+    of_stages = [
+        {which: _of_stage(one, part, len(lists), tables) for which, one in sums.items()} for part in range(len(lists))
+    ]
 
     def address(function: Function, stage: Struct, of_pass: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, of_pass.type, tables.type, inputs.type, size, size))
@@ -142,7 +148,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     staged = {*sums, *(kind for calls in does for _, kind, _, _ in calls)}
     stages = [
         [
-            _stages([levels[i] for i in places], table, part, (phase + part) % 2 == 1, staged)
+            _stages([levels[i] for i in (*places, turn[0][0])], table, part, (phase + part) % 2 == 1, staged)
             for part, places in enumerate(turn)
         ]
         for phase, turn in enumerate(table.rotation)
@@ -155,13 +161,14 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
             _set_called(first, of_pass)
         rows = [
             [
-                (address(function, stage[kind], sums[which]), stage[kind].address, sums[which].address, number)
-                for stage, calls in zip(turn, does, strict=True)
+                (address(function, stage[kind], mine[which]), stage[kind].address, mine[which].address, number)
+                for stage, calls, mine in zip(turn, does, of_stages, strict=True)
                 for function, kind, which, number in calls
             ]
             for turn in stages
         ]
-    structs = [*sums.values(), *(struct for turn in stages for stage in turn for struct in stage.values())]
+    structs = [struct for by_pass in (sums, *of_stages) for struct in by_pass.values()]
+    structs += [struct for turn in stages for stage in turn for struct in stage.values()]
     return structs, np.array(rows, np.int64).reshape(len(rows), -1, 4)
 
 
@@ -194,6 +201,8 @@ def _does(
         used = zip(functions, _records(tables, inputs), strict=True)
         return [(function, which, which, number) for function, is_used in used if is_used]
     stage = which
+    if operation in (FILTER, DAMPERS) and len(tables.numbers) > 1:
+        stage = _STEP
     if operation in _OF_THE_FIELD:
         stage, which = BOND_STENCIL, BOND_STENCIL
     module = program if operation in program.OPERATIONS else sweep_program
@@ -273,11 +282,21 @@ def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
     return Struct(sums, beside=struct)
 
 
+def _of_stage(sums: Struct, part: int, stages: int, beside: Struct) -> Struct:
+    """The same sums for one of the stages, each of which has a part of the memory of the layers."""
+    table: Sums = sums.table
+    if stages == 1 or not table.layers.cell:
+        return sums
+    size = table.layers.memory.size // stages
+    memory = table.layers.memory[part * size : (part + 1) * size]
+    return Struct(table._replace(layers=table.layers._replace(memory=memory)), beside=beside)
+
+
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, passes: Set[int]) -> dict[int, Struct]:
-    """A stage of the field, by the number of its pass, those of further passes, and that of the flows; of these the
-    ones with the given numbers.
+    """A stage of the field, by the number of its pass, those of further passes, that of the flows and the whole step;
+    of these the ones with the given numbers. `levels` are those of the stage, and the first of the step.
     """
-    src, base, out = levels
+    src, base, out, before = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
     zero, unit = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
     states, inflow, n = tables.gradient_pass.sweep.law.values, tables.flows.inflow, tables.components
@@ -297,6 +316,7 @@ def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool,
         TRACES: adds(src, heat.traces, TRACES, unit, unit),
         NEIGHBOURS: adds(drag.moved, drag.beyond, NEIGHBOURS, zero, unit),
         _FLOWS: Stage(src, inflow, inflow, part, unit, unit, unit, unit, False, n, n, backward),
+        _STEP: Stage(before, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
     }
     return {which: Struct(stage) for which, stage in stages.items() if which in passes}
 

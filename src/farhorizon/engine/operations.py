@@ -165,6 +165,7 @@ def table_of(operations: Iterable[Operation]) -> np.ndarray:
 
 def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     damped, flows = tables.damping.nodes.size, tables.flows.effects[stage] != 0
+    last = stage == len(tables.numbers) - 1  # after which there are increments of the whole step
     return (
         _present((DAMP_OLD, damped))
         + operator_operations(tables, melting=stage == 0)
@@ -172,8 +173,8 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
         + _drag_operations(tables)
         + _present(
             (DAMP_NEW, damped),
-            (FILTER, tables.filter.runs.size),
-            (DAMPERS, tables.dampers.runs.size),
+            (FILTER, last and tables.filter.runs.size),
+            (DAMPERS, last and tables.dampers.runs.size),
             (HOLD, asked.held),
             (WORK, asked.has_sources and tables.work.size),
             (FLOW_LAYERS, flows and tables.flows.inflow.size),

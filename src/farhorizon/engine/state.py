@@ -48,8 +48,11 @@ class State:
         """Levels that a step reads before it writes them: that of the field, and for second order also the previous
         level or the increment.
         """
-        source, base, _ = self.engine.stages.rotation[phase][0]
-        return [source] if base == source or self.engine.stages.numbers[0][1] == 0 else [source, base]
+        stages, read, written = self.engine.stages, [], set()
+        for (source, base, out), (_, b, _, _) in zip(stages.rotation[phase], stages.numbers, strict=True):
+            read += [level for level in (source, base) if level not in written and (level == source or b != 0)]
+            written.add(out)
+        return list(dict.fromkeys(read))
 
     def write(self, values: np.ndarray) -> None:
         """Set the engine to a state."""

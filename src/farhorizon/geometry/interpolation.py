@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from scipy.special import i0, i1, spherical_jn
+from scipy.special import i0, i1, iv, spherical_jn
 
 from farhorizon import kinds
 from farhorizon.arguments import Point, Toml
@@ -72,13 +72,21 @@ class Blocks(NamedTuple):
 
 
 def interpolation_blocks(
-    lattice: Lattice, points: np.ndarray, method: str = "sinc", derivative: int | None = None, key: str = "points"
+    lattice: Lattice,
+    points: np.ndarray,
+    method: str = "sinc",
+    derivative: int | None = None,
+    key: str = "points",
+    moving: int | None = None,
 ) -> Blocks:
     """Blocks whose sums are the values of a field at points, as from `as_points`, or its first derivatives there along
     an axis: the windowed sinc itself is differentiated, "linear" interpolates central differences.
 
-    An InputError, which names the points `key`, for an unknown method, a point outside the near field or in a hole, or
-    one so close to an edge or a hole that some of the nodes in its sum do not exist.
+    With an axis `moving`, the weights are the changes of these per length by which the points move along it.
+
+    An InputError, which names the points `key`, for an unknown method, a point outside the near field or in a hole, one
+    so close to an edge or a hole that some of the nodes in its sum do not exist, or one that moves off a node where the
+    weights have a kink.
 
     Examples
     --------
@@ -95,8 +103,11 @@ def interpolation_blocks(
     near = np.round(place)
     place = np.where(np.abs(place - near) <= _ON_NODE * np.maximum(1.0, np.abs(near)), near, place)
     _check_inside(lattice, points, place, key)
-    along_axes = [_along(place[:, a], n, kernels, derivative == a) for a, n in enumerate(lattice.shape)]
-    weights = tuple(along / lattice.spacing if derivative == a else along for a, (_, along) in enumerate(along_axes))
+    if moving is not None:
+        _check_smooth(points, place[:, moving], method, key)
+    orders = [(derivative == a, moving == a) for a in range(lattice.dim)]
+    along_axes = [_along(place[:, a], n, kernels, *orders[a]) for a, n in enumerate(lattice.shape)]
+    weights = tuple(along / lattice.spacing ** sum(orders[a]) for a, (_, along) in enumerate(along_axes))
     blocks = Blocks(np.stack([first for first, _ in along_axes], axis=1), weights, lattice.shape)
     _check_whole(lattice, points, blocks, method, derivative is not None, key)
     return blocks
@@ -195,6 +206,19 @@ def _check_inside(lattice: Lattice, points: np.ndarray, place: np.ndarray, key: 
         )
 
 
+def _check_smooth(points: np.ndarray, along: np.ndarray, method: str, key: str) -> None:
+    """Raise an InputError for a point on a node, where weights that are linear between the nodes have a kink."""
+    on_node = along == np.floor(along)
+    if method == "linear" and on_node.any():
+        raise InputError(
+            "on a node the weights of interpolation = 'linear' have no derivative by the place",
+            value=points[on_node][0],
+            limit="between nodes",
+            key=key,
+            remedy="interpolation = 'sinc', or a place between nodes",
+        )
+
+
 def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: str, derived: bool, key: str) -> None:
     """Raise an InputError for a point whose sum includes nodes that do not exist."""
     incomplete = np.zeros(len(points), bool)
@@ -244,44 +268,83 @@ def _sinc_slope(distance: np.ndarray) -> np.ndarray:
     return np.where(inside > 0, (slope * window + np.sinc(distance) * bend) / i0(_SHAPE), 0.0)
 
 
+def _sinc_bend(distance: np.ndarray) -> np.ndarray:
+    """Second derivative of the windowed sinc."""
+    inside = _inside(distance)
+    argument = _SHAPE * np.maximum(inside, 1e-8)  # the quotients below are 1/2 and 1/8 there
+    x = np.pi * np.maximum(np.abs(distance), 1e-8)  # the quotient below is 1/3 at zero
+    slope = -np.pi * np.sign(distance) * spherical_jn(1, x)
+    bend = np.pi**2 * (2 * spherical_jn(1, x) / x - np.sinc(distance))
+    rate, steep = (_SHAPE / HALF_WIDTH) ** 2, i1(argument) / argument
+    window_slope = -rate * distance * steep
+    window_bend = -rate * (steep - rate * distance**2 * iv(2, argument) / argument**2)
+    whole = bend * i0(argument) + 2 * slope * window_slope + np.sinc(distance) * window_bend
+    return np.where(inside > 0, whole / i0(_SHAPE), 0.0)
+
+
 def _hat(distance: np.ndarray) -> np.ndarray:
     return np.maximum(1 - np.abs(distance), 0.0)
+
+
+def _hat_slope(distance: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(distance) < 1, -np.sign(distance), 0.0)
 
 
 def _hat_of_differences(distance: np.ndarray) -> np.ndarray:
     return (_hat(distance + 1) - _hat(distance - 1)) / 2
 
 
+def _hat_of_differences_slope(distance: np.ndarray) -> np.ndarray:
+    return (_hat_slope(distance + 1) - _hat_slope(distance - 1)) / 2
+
+
 class _Kernels(NamedTuple):
-    """Kernel of the weights along an axis and its half width, and the same for derivatives."""
+    """Kernel of the weights along an axis and its half width, the same for derivatives of the field, and the
+    derivatives of both kernels by the distance.
+    """
 
     value: Kernel
     half: int
     slope: Kernel
     slope_half: int
+    value_by_place: Kernel
+    slope_by_place: Kernel
 
 
 _KERNELS = {
-    "sinc": _Kernels(_sinc, HALF_WIDTH, _sinc_slope, HALF_WIDTH),
-    "linear": _Kernels(_hat, 1, _hat_of_differences, 2),
+    "sinc": _Kernels(_sinc, HALF_WIDTH, _sinc_slope, HALF_WIDTH, _sinc_slope, _sinc_bend),
+    "linear": _Kernels(_hat, 1, _hat_of_differences, 2, _hat_slope, _hat_of_differences_slope),
 }
 INTERPOLATIONS = tuple(_KERNELS)
 
 
-def _along(place: np.ndarray, count: int, kernels: _Kernels, derived: bool) -> tuple[np.ndarray, np.ndarray]:
+def _along(
+    place: np.ndarray, count: int, kernels: _Kernels, derived: bool, moving: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """First nodes and weights of blocks along an axis with `count` nodes; weights are nan where a node is missing."""
     half = kernels.slope_half if derived else kernels.half
     below = np.floor(place).astype(np.int64)
-    between = place != below
-    lowest, highest = below - half + 1, below + half - ~between
-    missing = ((lowest < 0) | (highest >= count)) & (between | derived)
-    width = min(count, 2 * half) if (between | derived).any() else 1
+    between = (place != below) | derived | moving
+    lowest, highest = below - half + 1, below + half - (place == below)
+    missing = ((lowest < 0) | (highest >= count)) & between
+    width = min(count, 2 * half) if between.any() else 1
     first = np.clip(lowest if width > 1 else below, 0, count - width)
     distance = place[:, None] - (first[:, None] + np.arange(width))
     values = kernels.value(distance)
     values[missing] = np.nan
     total = values.sum(1, keepdims=True)
-    if not derived:
+    if not (derived or moving):
         return first, values / total
-    slopes = kernels.slope(distance)
-    return first, (slopes - values * slopes.sum(1, keepdims=True) / total) / total
+
+    def change(kernel: Kernel, *more: np.ndarray) -> np.ndarray:
+        """Derivative of values / total, whose numerator has the derivative that the kernel says; `more` is subtracted
+        from it.
+        """
+        slopes = kernel(distance)
+        return np.asarray((slopes - sum(more) - values * slopes.sum(1, keepdims=True) / total) / total)
+
+    if not (derived and moving):
+        return first, change(kernels.slope if derived else kernels.value_by_place)
+    once, by_place = change(kernels.slope), change(kernels.value_by_place)
+    sums = [one(distance).sum(1, keepdims=True) for one in (kernels.slope, kernels.value_by_place)]
+    return first, change(kernels.slope_by_place, by_place * sums[0], once * sums[1])

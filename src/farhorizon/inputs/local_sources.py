@@ -74,15 +74,19 @@ def spread(
     interpolation: str,
     key: str,
     derivative: int | None = None,
+    moving: int | None = None,
 ) -> np.ndarray:
     """Return densities on the nodes whose integral over all cells is the sum of the `amounts`, shape (n,), at points,
-    shape (n, dim). If they move along an axis, `derivative`, it is the change of the densities per length. Raises
-    InputError as `farhorizon.geometry.interpolation.interpolation_blocks`.
+    shape (n, dim). If they move along an axis, `derivative`, it is the change of the densities per length, as in the
+    derivative of the field; if also along `moving`, the change of that, exact for the weights. Raises InputError as
+    `farhorizon.geometry.interpolation.interpolation_blocks`.
     """
     density = np.zeros(int(np.prod(lattice.shape)))
     for start in range(0, len(points), _AT_ONCE):
         some = slice(start, start + _AT_ONCE)
-        nodes, weights = interpolation_blocks(lattice.whole, points[some], interpolation, derivative, key).entries()
+        nodes, weights = interpolation_blocks(
+            lattice.whole, points[some], interpolation, derivative, key, moving
+        ).entries()
         inside, here = lattice.own(nodes)
         np.add.at(density, here, (weights * amounts[some, None])[inside])
     return density.reshape(lattice.shape) / lattice.spacing**lattice.dim
@@ -189,6 +193,10 @@ class PointSource(LocalSource):
         density = _at_point(self, lattice, key)
         return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]
 
+    def moved(self, lattice: Lattice, components: int, key: str, axis: int) -> np.ndarray:
+        """The change of the source on the nodes per length by which its place moves along an axis."""
+        return directed(_at_point(self, lattice, key, axis), self.strength, components, f"{key}.strength")
+
 
 @dataclass(frozen=True)
 class PointForce(LocalSource):
@@ -239,10 +247,15 @@ class PointForce(LocalSource):
         density = _at_point(self, lattice, key)
         return [Source(directed(density, self.force, components, f"{key}.force"), self.time)]  # type: ignore[arg-type]
 
+    def moved(self, lattice: Lattice, components: int, key: str, axis: int) -> np.ndarray:
+        """The change of the source on the nodes per length by which its place moves along an axis."""
+        density = _at_point(self, lattice, key, axis)
+        return directed(density, self.force, components, f"{key}.force")  # type: ignore[arg-type]
 
-def _at_point(source: PointSource | PointForce, lattice: Lattice, key: str) -> np.ndarray:
+
+def _at_point(source: PointSource | PointForce, lattice: Lattice, key: str, moving: int | None = None) -> np.ndarray:
     points = as_points([source.at], lattice.dim, f"{key}.at")
-    return spread(lattice, points, np.ones(1), source.interpolation, f"{key}.at")
+    return spread(lattice, points, np.ones(1), source.interpolation, f"{key}.at", moving=moving)
 
 
 @dataclass(frozen=True)
@@ -360,13 +373,21 @@ class MomentTensor(LocalSource):
                 key=key,
                 remedy="PointSource for a scalar field",
             )
+        return [Source(self._force(lattice, key), self.time)]
+
+    def moved(self, lattice: Lattice, components: int, key: str, axis: int) -> np.ndarray:
+        """The change of the source on the nodes per length by which its place moves along an axis."""
+        return self._force(lattice, key, axis)
+
+    def _force(self, lattice: Lattice, key: str, moving: int | None = None) -> np.ndarray:
+        """Its force on the nodes, or the change of that per length along an axis."""
         tensor = self.tensor(lattice.dim)
         points = as_points([self.at], lattice.dim, f"{key}.at")
-        force = np.zeros((components, *lattice.shape))
+        force = np.zeros((lattice.dim, *lattice.shape))
         for axis in np.flatnonzero(tensor.any(0)):
-            slope = spread(lattice, points, np.ones(1), self.interpolation, f"{key}.at", int(axis))
+            slope = spread(lattice, points, np.ones(1), self.interpolation, f"{key}.at", int(axis), moving)
             force += np.multiply.outer(tensor[:, axis], slope)
-        return [Source(force, self.time)]
+        return force
 
 
 def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,9 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import nodes_in
 from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.local_sources import LineSource, MomentTensor, PointForce, PointSource
 from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.sources import Source
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.of_field import OfField
@@ -21,8 +22,14 @@ from farhorizon.simulation.setup.setup import Setup, keys, side_name
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.simulation.time.source_terms import given, split_source_terms
 
-_SOURCE = re.compile(r"source(\[\d+\])?")
 _INITIAL = ("u", "v")
+#: Parameters of local sources by which there are derivatives.
+_PARAMETERS: dict[type, tuple[str, ...]] = {
+    PointSource: ("at", "strength"),
+    PointForce: ("at", "force"),
+    MomentTensor: ("at", "moment"),
+    LineSource: ("strength",),
+}
 
 
 @dataclass(frozen=True)
@@ -31,13 +38,14 @@ class Asked:
 
     Attributes
     ----------
-    constants, initial, sources : tuple of str
-        Constants of the medium; "u", "v"; names of sources.
+    constants, initial, sources, parameters : tuple of str
+        Constants of the medium; "u", "v"; names of sources; names of their parameters, such as "source.at".
     """
 
     constants: tuple[str, ...]
     initial: tuple[str, ...]
     sources: tuple[str, ...]
+    parameters: tuple[str, ...]
 
     def spaces(self, sim: Simulation) -> dict[str, list[np.ndarray]]:
         """Return, for each of the sources, its parts as functions of space, each of the field's shape."""
@@ -57,6 +65,40 @@ class Asked:
         return found
 
 
+class SourceSlopes(NamedTuple):
+    """Derivatives of a source by one of its parameters: on the nodes, (entries, *field), as many as the parameter has
+    entries, its shape, and the factor of time.
+    """
+
+    fields: np.ndarray
+    shape: tuple[int, ...]
+    time: Callable[[float], float]
+
+
+def source_slopes(sim: Simulation, name: str) -> SourceSlopes:
+    """Return the derivatives of a source by one of its parameters.
+
+    Raises
+    ------
+    InputError
+        A place at which the weights of the interpolation have a kink.
+    """
+    near, (key, _, parameter) = sim.parts.near, name.rpartition(".")
+    source = dict(zip(keys("source", sim.setup.sources), sim.setup.sources, strict=True))[key]
+    lattice, components = near.lattice, near.stencil.components
+    value = np.asarray(getattr(source, parameter), float)
+    if parameter == "at":
+        fields = [source.moved(lattice, components, key, axis) for axis in range(lattice.dim)]
+        sources = [Source(field, source.time) for field in fields]
+    else:  # linear: the derivative by an entry is the source of a unit
+        units = np.eye(value.size).reshape(-1, *value.shape)
+        if value.ndim == 2:  # a moment tensor is symmetric
+            units = (units + units.swapaxes(1, 2)) / 2
+        sources = [replace(source, **{parameter: unit.tolist()}).placed(lattice, components, key)[0] for unit in units]
+    terms = split_source_terms([(key, one) for one in sources], near, sim.parts.exterior)
+    return SourceSlopes(np.stack([np.asarray(space) for space, _ in terms.sources]), value.shape, terms.sources[0][1])
+
+
 def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
     """Return what a gradient is taken by.
 
@@ -70,11 +112,17 @@ def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
         raise InputError("a gradient is taken by something", value=names, limit="a name", key="wrt", remedy='"speed"')
     sources = keys("source", setup.sources)
     initial = _INITIAL[: setup.model.order]
-    known = [*setup.model.wave_constants, *initial, *sources]
+    parameters = [
+        f"{key}.{name}"
+        for key, source in zip(sources, setup.sources, strict=True)
+        for name in _PARAMETERS.get(type(source), ())
+    ]
+    known = [*setup.model.wave_constants, *initial, *sources, *parameters]
     for name in names:
         kinds.one_of(name, "wrt", known, f"{setup.model.title} has no such parameter, or the run no such source")
     constants = tuple(name for name in names if name in setup.model.wave_constants)
-    return Asked(constants, tuple(n for n in names if n in initial), tuple(n for n in names if n in sources))
+    of_sources = [tuple(name for name in names if name in some) for some in (initial, sources, parameters)]
+    return Asked(constants, *of_sources)
 
 
 def check_linear(setup: Setup, asked: Asked) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,14 +39,20 @@ class Stored(NamedTuple):
 
 
 def digest_of(
-    start: Arrays, bounds: Mapping[str, tuple[float, float]], region: np.ndarray, until: float, settings: Any
+    start: Arrays,
+    bounds: Mapping[str, tuple[float, float]],
+    region: np.ndarray,
+    until: float,
+    settings: Any,
+    data: Iterable[np.ndarray],
 ) -> str:
-    """Return a text that is the same for the same problem only."""
+    """Return a text that is the same for the same problem only: the same medium, data and settings."""
     found = hashlib.sha256(repr((sorted(bounds.items()), until, settings)).encode())
     for name in sorted(start):
         found.update(name.encode())
         found.update(np.ascontiguousarray(start[name]).tobytes())
-    found.update(np.ascontiguousarray(region).tobytes())
+    for values in (region, *data):
+        found.update(np.ascontiguousarray(values).tobytes())
     return found.hexdigest()
 
 
@@ -75,7 +81,7 @@ def read_inversion(path: Path, digest: str) -> Stored | None:
             raise FileFormatError(
                 f"{path} is not the file of this inversion",
                 value=str(file.attrs.get("kind", "an unknown file")),
-                limit="the same start, bounds, region, frequencies and penalties",
+                limit="the same start, data, bounds, region, frequencies and penalties",
                 key="output",
                 remedy="another name, or delete the file",
             )

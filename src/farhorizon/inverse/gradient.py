@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -11,8 +12,8 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.geometry.interpolation import interpolation_blocks
 from farhorizon.inverse.adjoint import Residuals, adjoint_run
-from farhorizon.inverse.checks import asked_for, check_linear, check_misfits, check_region, misfits_of
-from farhorizon.inverse.history import GlobalDomain, PatchRecorder, Piece, Remade, Rows, advance
+from farhorizon.inverse.checks import asked_for, check_linear, check_misfits, check_region, misfits_of, source_slopes
+from farhorizon.inverse.history import PatchRecorder, Piece, Remade, Rows, WholeHistory, advance
 from farhorizon.inverse.medium import Medium
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.patch import Patch
@@ -35,7 +36,8 @@ class Gradient(Mapping[str, np.ndarray]):
     misfit : float
     derivatives : dict of str to ndarray
         By a constant of the medium, or initial data: of the shape of the lattice or field, zero outside the region. By
-        "source" or "source[i]": by the factor of time of the source at each step, shape (steps,).
+        "source" or "source[i]": by the factor of time of the source at each step, shape (steps,). By "source.at",
+        "source.strength", "source.force" or "source.moment": of the shape of this parameter.
     records : list of dict of str to ndarray
         For each misfit, the records of the run.
     setup : Setup
@@ -90,7 +92,10 @@ def gradient(
         Several are added.
     wrt : str or sequence of str
         Constants of the medium, as the model names them ("speed", "density", "young", "diffusivity", ..), by their
-        values at every node; initial data, "u" and "v"; "source" or "source[i]", by the factor of time of a source.
+        values at every node; initial data, "u" and "v"; "source" or "source[i]", by the factor of time of a source;
+        "source.at" (or "source[i].at"), by the place of a source at a point, and "source.strength", "source.force",
+        "source.moment", as these are given: for a symmetric tensor, the sum over all entries of derivative times change
+        is that of the misfit.
     until : float
         End of the run.
     region : Shape or ndarray of bool, optional
@@ -118,6 +123,10 @@ def gradient(
     -----
     Bonds combine the constants of their ends by the "harmonic" rule unless the set-up says "arithmetic"; "both" has no
     derivative. The derivation is in ``docs/explanation/gradients.md``.
+
+    The derivative by a place is that of the weights which spread the source over nodes, and exact between nodes. On a
+    node, where other nodes enter the window of the sinc, it is that beside the node to some 1e-5; "linear" weights have
+    none there, which is refused.
 
     Examples
     --------
@@ -190,6 +199,7 @@ class _Gradient:
         self.inside = inside = check_region(region, sim, self.asked)
         end = checked_end(until, sim.dt)
         check_misfits(misfits, last_step(end, sim.dt), sim.stencil.components)
+        self.slopes = {name: source_slopes(sim, name) for name in self.asked.parameters}
         self.steps = sim.prepare(end)  # chooses layers, by trials
         self.setup = sim.settled
         reach = sim.stencil.reach
@@ -210,7 +220,7 @@ class _Gradient:
         if (self.steps + 2) * row <= budget:
             sim.recorders.append(self.rows)  # in place of a simulation that differs by this recorder alone
             sim._recording = Recording(sim.setup, sim.parts, sim.recorders)
-            return sim, GlobalDomain(sim, self.rows, self.steps)
+            return sim, WholeHistory(sim, self.rows, self.steps)
         return sim, Remade.within(budget, row, sim, self.setup, self.rows, self.steps)
 
     def found(self, illumination: bool) -> Gradient:
@@ -234,7 +244,9 @@ class _Gradient:
         light = np.where(self.inside, self.patch.onto(seen_by_nodes * self.patch.own), 0.0) if illumination else None
         if self.medium is not None:
             derivatives |= self.medium.derivatives()
-        derivatives |= seen.by_source
+        derivatives |= seen.by_source | {
+            name: one.reshape(seen.shapes[name]) for name, one in seen.by_parameter.items()
+        }
         if self.asked.initial:
             derivatives |= self._by_initial(back)
         return Gradient(value, derivatives, records, self.setup, light)
@@ -312,14 +324,20 @@ class _Correlation(PatchRecorder, offered=False):
             key: [np.reshape(space, (of.sim.stencil.components, -1)) for space in spaces]
             for key, spaces in of.asked.spaces(of.sim).items()
         }
+        slopes, components = of.slopes, of.sim.stencil.components
+        fields = {name: np.reshape(one.fields, (len(one.fields), components, -1)) for name, one in slopes.items()}
         busy = np.zeros(int(np.prod(of.sim.lattice.shape)), bool)
-        for spaces in self._sources.values():
-            for space in spaces:
-                busy |= (space != 0).any(0)
+        for space in itertools.chain(*self._sources.values(), *fields.values()):
+            busy |= (space != 0).any(0)
         patch = of.patch if of.medium is not None else replace(of.patch, shape=(0,) * of.sim.lattice.dim)
         super().__init__(patch, np.flatnonzero(busy))
         self._spaces = {key: sum(space[:, self.nodes] for space in spaces) for key, spaces in self._sources.items()}
         self.by_source = {key: np.zeros(of.steps) for key in self._spaces}
+        self._fields = {name: field[:, :, self.nodes] for name, field in fields.items()}
+        times = of.sim.dt * np.arange(of.steps)
+        self._factors = {name: np.array([one.time(t) for t in times]) for name, one in slopes.items()}
+        self.by_parameter = {name: np.zeros(len(field)) for name, field in fields.items()}
+        self.shapes = {name: one.shape for name, one in slopes.items()}
         self._of, self._shift = of, shift
         near, dt = of.sim.parts.near, of.sim.dt
         self._start_weight = (1 + near.model.damping * dt) / 2 if near.model.order == 2 else 1.0
@@ -341,6 +359,9 @@ class _Correlation(PatchRecorder, offered=False):
         places = self.patch.places
         for key, space in self._spaces.items():
             self.by_source[key][n] = np.einsum("tcn,cn->t", rows[:, :, places:], space)
+        for name, field in self._fields.items():
+            weighted = np.einsum("t,tcn->cn", self._factors[name][n], rows[:, :, places:])
+            self.by_parameter[name] += np.einsum("cn,kcn->k", weighted, field)
         if of.medium is not None:
             assert self.piece is not None
             waves = np.ascontiguousarray(rows[:, :, :places])

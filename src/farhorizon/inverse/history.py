@@ -172,7 +172,7 @@ def _parts_of(sim: Simulation) -> tuple[np.ndarray, ...]:
     return sim.engine.levels, sim.engine.memory
 
 
-class GlobalDomain:
+class WholeHistory:
     """A history that is kept as a whole.
 
     Parameters

@@ -9,19 +9,21 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.arguments import PYTHON_ONLY, Duration, InFile, Length, Toml, Unit
 from farhorizon.engine.engine import at_most, available_threads
 from farhorizon.errors import InputError
 from farhorizon.files.hdf5 import directory_of
+from farhorizon.geometry.shapes import Shape
 from farhorizon.inverse.checks import asked_for, check_linear, check_region, shots_of
 from farhorizon.inverse.files import Stored, digest_of, read_inversion, write_inversion
 from farhorizon.inverse.gradient import Gradient, gradient, receivers_of
 from farhorizon.inverse.medium import constants_at_nodes, rule_of
-from farhorizon.inverse.misfits import Arrays, Misfit
+from farhorizon.inverse.misfits import Arrays, DataMisfit, Misfit
 from farhorizon.inverse.smoothing import Smoothing, roughness
 from farhorizon.machine import progress as progress_line
 from farhorizon.simulation.setup.setup import Setup
@@ -87,25 +89,27 @@ class Inversion:
 
 
 def invert(
-    shots: Sequence[tuple[Setup, Misfit | Sequence[Misfit]]],
+    shots: Annotated[Sequence[tuple[Setup, Misfit | Sequence[Misfit]]], PYTHON_ONLY],
     wrt: str | Sequence[str],
-    until: float,
+    until: Duration,
     *,
     bounds: Mapping[str, tuple[float, float]],
-    region: Any = None,
+    region: Annotated[Any, Toml(Shape)] = None,
     iterations: int = 20,
     tolerance: float = 1e-6,
-    smooth: float = 0.0,
+    smooth: Length = 0.0,
     tikhonov: float = 0.0,
     variation: float = 0.0,
-    frequencies: Sequence[float | None] = (None,),
+    frequencies: Annotated[Sequence[float | None], Toml(list[float | Literal[False]]), Unit("1/s"), InFile([False])] = (
+        None,
+    ),
     illumination: bool = True,
-    output: str | Path | None = None,
-    callback: Callable[[Inversion], None] | None = None,
+    output: Annotated[str | Path | None, PYTHON_ONLY] = None,
+    callback: Annotated[Callable[[Inversion], None] | None, PYTHON_ONLY] = None,
     jobs: int = 1,
     memory: float | None = None,
     precision: str = "float64",
-    progress: bool | None = None,
+    progress: Annotated[bool | None, PYTHON_ONLY] = None,
 ) -> Inversion:
     r"""Find maps of a medium for which the runs of several shots agree with their data, by SciPy's L-BFGS-B.
 
@@ -123,7 +127,8 @@ def invert(
     bounds : mapping of str to (float, float)
         Least and largest value of each map; the time step must be stable at all of them.
     region : Shape or ndarray of bool, optional
-        Nodes at which the maps are unknown, as for `gradient`.
+        Nodes at which the maps are unknown; elsewhere the medium is known. By default all that are more than one reach
+        inside of sides that absorb.
     iterations : int
         Largest number of iterations in each stage.
     tolerance : float
@@ -135,7 +140,8 @@ def invert(
     variation : float
         Weight of the mean of their magnitudes, which allows edges.
     frequencies : sequence of float or None
-        One stage for each: the highest frequency of records and data that counts, the lowest one first; None for all.
+        One stage for each: the highest frequency of records and data that counts, the lowest one first; None, in a file
+        false, for all.
     illumination : bool
         Move nodes by as much more as they have seen less of the sources' waves.
     output : str or Path, optional
@@ -145,8 +151,11 @@ def invert(
         Called with the `Inversion` so far after each step.
     jobs : int
         Number of processes among which the shots are shared out.
-    memory, precision
-        As for `gradient`, for each shot.
+    memory : float, optional
+        Bytes for the history of the run of a shot; half of what the machine has available unless given. A history that
+        does not fit is computed a second time, piece by piece.
+    precision : {"float64", "float32"}
+        Number type of the history.
     progress : bool, optional
         Show a progress line; by default only on terminals.
 
@@ -220,7 +229,7 @@ class _Problem:
         given = shots_of(shots)
         first = given[0][0]
         asked = asked_for(first, wrt)
-        if not asked.constants or asked.initial or asked.sources:
+        if not asked.constants or asked.initial or asked.sources or asked.parameters:
             raise InputError(
                 "an inversion finds maps of the medium",
                 value=wrt,
@@ -250,6 +259,13 @@ class _Problem:
             sim.prepare(until)
         settled = [(sim.settled, misfits) for sim, (_, misfits) in zip(sims, given, strict=True)]
         return cls(settled, asked.constants, until, limits, inside, start)
+
+    @property
+    def data(self) -> Iterator[np.ndarray]:
+        """What the shots were recorded as, and the weights of that."""
+        for misfit in (misfit for _, misfits in self.shots for misfit in misfits):
+            if isinstance(misfit, DataMisfit):
+                yield from (*misfit.data.values(), misfit.weights)
 
     def with_maps(self, maps: Arrays, frequency: float | None = None) -> list[tuple[Setup, list[Misfit]]]:
         """Return the shots in a medium with other maps."""
@@ -443,7 +459,7 @@ class _Solver:
         """Go through the stages, each from where the one before has ended."""
         problem = self.problem
         settings = (stages, self.smooth, self.tikhonov, self.variation)
-        digest = digest_of(problem.start, problem.bounds, problem.region, problem.until, settings)
+        digest = digest_of(problem.start, problem.bounds, problem.region, problem.until, settings, problem.data)
         stored = None if path is None else read_inversion(path, digest)
         if stored is not None:
             self.history, self.models = [Step(*one) for one in stored.history], stored.models

@@ -95,6 +95,23 @@ class Verlet(_OneStage):
         return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), numbers)
 
     @staticmethod
+    def modes(symbol: np.ndarray, dt: float, damping: float = 0.0) -> VerletModes:
+        """Exact results of any number of steps, for each eigenvalue -symbol."""
+        return VerletModes(symbol, dt, damping)
+
+    @staticmethod
+    def frequency_of_nodes(frequency: np.ndarray, dt: float) -> np.ndarray:
+        """Angular frequency of the waves of the differential equations of the nodes that the steps turn into waves of a
+        frequency, in cycles per time.
+        """
+        return 2 / dt * np.sin(np.pi * np.minimum(frequency * dt, 0.5))
+
+    @staticmethod
+    def frequency_of_steps(omega: float, dt: float) -> float:
+        """The inverse of `frequency_of_nodes`."""
+        return float(np.arcsin(min(1.0, omega * dt / 2)) / (np.pi * dt))
+
+    @staticmethod
     def propagate(
         symbol: np.ndarray, dt: float, steps: int, u: np.ndarray, v: np.ndarray, damping: float = 0.0
     ) -> np.ndarray:
@@ -133,6 +150,85 @@ class VerletModes:
                 amplitudes + (self._damped * self._cosine * u + self._ratio * (1 + self._damped) * self._dt * v) * slope
             )
         return self._ratio**steps * amplitudes
+
+
+@dataclass(frozen=True)
+class ModifiedEquation:
+    """The modified-equation (Lax-Wendroff) method of fourth order for linear waves without damping.
+
+    ``u(n+1) - 2 u(n) + u(n-1) = dt^2 (L u + s) + dt^4/12 (L (L u + s) + s_tt)`` (Dablain 1986, Geophysics 51(1), eq 15;
+    Shubin and Bell 1987, SIAM J. Sci. Stat. Comput. 8, 135). The polynomial of z = dt^2 L on the right-hand side has
+    real roots, ``2 + z + z^2/12 = 2 (1 + z/p) (1 + z/q)`` with p, q = 6 +- 2 sqrt(3), so that a step consists of two
+    stages: ``w = u + (z u + dt^2 s)/p`` and ``u(n+1) = 2 (w + z w/q) - u(n-1)`` with what else the source adds.
+    """
+
+    order = 4
+    name = "modified equation"
+    alternates = False
+    outruns = False
+
+    @staticmethod
+    def step_limit(largest: float) -> float:
+        """Largest stable step for the largest eigenvalue of -L: ``|2 + z + z^2/12| <= 2`` from z = -12 to 0."""
+        return np.sqrt(12.0 / largest)
+
+    @staticmethod
+    def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
+        """Stages of one step: w in a level of its own, then the result, in place of the base or, with `lasting`, in a
+        fourth level.
+        """
+        numbers = (1.0, 0.0, dt**2 / _ROOTS[0], dt**2 / _ROOTS[0]), (2.0, -1.0, 2 * dt**2 / _ROOTS[1], dt**2)
+        if lasting:
+            turns = ((0, 1, 3), (3, 1, 2)), ((2, 0, 3), (3, 0, 1)), ((1, 2, 3), (3, 2, 0))
+            return Stages(4, turns, numbers)
+        return Stages(3, (((0, 1, 2), (2, 1, 1)), ((1, 0, 2), (2, 0, 0))), numbers)
+
+    @staticmethod
+    def source_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+        """Times about a step at which a source is read, and its weight in each stage, shape (stages, times): its second
+        derivative in time is that of the parabola through three steps.
+        """
+        return (-dt, 0.0, dt), np.array([[0, 1, 0], [1 / 12, 1 - 2 / _ROOTS[0] - 1 / 6, 1 / 12]])
+
+    @staticmethod
+    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+        """As for the other methods; only constant values are prescribed, which are those of each stage."""
+        return (dt,), np.ones((2, 1))
+
+    @staticmethod
+    def modes(symbol: np.ndarray, dt: float, damping: float = 0.0) -> VerletModes:
+        """Exact results of any number of steps, for each eigenvalue -symbol."""
+        return _ModifiedModes(symbol, dt)
+
+    @staticmethod
+    def frequency_of_nodes(frequency: np.ndarray, dt: float) -> np.ndarray:
+        """As for `Verlet`; the steps carry waves of up to a third of a cycle per step."""
+        squared = 4 * np.sin(np.pi * np.minimum(frequency * dt, 1 / 3)) ** 2  # of Verlet, in steps
+        return np.sqrt(6 - np.sqrt(np.maximum(36 - 12 * squared, 0.0))) / dt
+
+    @staticmethod
+    def frequency_of_steps(omega: float, dt: float) -> float:
+        """The inverse of `frequency_of_nodes`."""
+        squared = min(6.0, (omega * dt) ** 2)
+        return float(np.arcsin(np.sqrt(squared - squared**2 / 12) / 2) / (np.pi * dt))
+
+
+_ROOTS = 6 + 2 * np.sqrt(3), 6 - 2 * np.sqrt(3)  # p and q; in this order w is the smaller for short waves
+
+
+class _ModifiedModes(VerletModes):
+    """The same for the modified equation: Verlet's method for ``S - dt^2 S^2 / 12`` in place of the eigenvalue S, with
+    a start of fourth order.
+    """
+
+    def __init__(self, symbol: np.ndarray, dt: float) -> None:
+        rate = np.asarray(symbol, float)
+        super().__init__(rate - dt**2 * rate**2 / 12, dt)
+        self._of_velocity = 1 - dt**2 * rate / 6
+
+    def after(self, steps: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """As `VerletModes.after`."""
+        return super().after(steps, u, self._of_velocity * v)
 
 
 @dataclass(frozen=True)
@@ -332,7 +428,7 @@ class RungeKuttaChebyshev(Storable):
         return start + last / values[-1] * np.where(np.abs(x) <= 1, inner, outer)
 
 
-Integrator = Verlet | Euler | RungeKutta4 | RungeKuttaChebyshev
+Integrator = Verlet | ModifiedEquation | Euler | RungeKutta4 | RungeKuttaChebyshev
 
 
 def stage_effects(stages: Stages) -> np.ndarray:

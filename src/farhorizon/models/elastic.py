@@ -20,7 +20,7 @@ from farhorizon.errors import InputError
 from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states, energy_of_bonds
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.fracture import stretch_that_spends
-from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.moduli import Moduli, check_ratio, moduli_of
 from farhorizon.medium.solids import (
@@ -37,7 +37,7 @@ from farhorizon.medium.solids import (
 )
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
-from farhorizon.models.model import Constant, Density, LatticeModel, Modulus, Ordered, material_constant
+from farhorizon.models.model import Constant, Density, LatticeModel, Modulus, Ordered, material_constant, second_order
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _BREAKABLE = MATERIALS[:3]
@@ -101,6 +101,8 @@ class Elastic(LatticeModel):
         closing crack do not pass through each other; not available for finite elements. In state-based and
         correspondence materials such bonds act like the springs of a bond-based material of the same P modulus. The
         same as `nonlinear` unless given.
+    integrator : {"verlet", "modified-equation"}
+        As for `Wave`: the modified equation serves solids whose bonds neither break nor have a law of their own.
 
     Attributes
     ----------
@@ -170,6 +172,7 @@ class Elastic(LatticeModel):
         fracture_energy: Annotated[Constant | None, Unit("J/m^2")] = None,
         softening: str | None = None,
         contact: bool | None = None,
+        integrator: str | Integrator = "verlet",
     ) -> None:
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
         if plane is not None:
@@ -188,7 +191,7 @@ class Elastic(LatticeModel):
         self.contact = self.nonlinear if contact is None else kinds.flag(contact, "model.contact")
         self._check_law()
         self.damping = kinds.number(damping, "model.damping", least=0)
-        self.integrator = Verlet()
+        self.integrator = second_order(integrator, self.damping)
         moduli = {"young": young, "poisson": poisson, "bulk": bulk, "shear": shear}
         self._given_moduli = {
             name: material_constant(value, f"model.{name}", positive=name != "poisson")

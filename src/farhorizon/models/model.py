@@ -18,7 +18,7 @@ from farhorizon.arguments import ANY, Function, OfRegions, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
-from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
+from farhorizon.medium.integrators import Euler, Integrator, ModifiedEquation, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.of_field import OfField, names_field
 from farhorizon.medium.random_constants import Weibull
@@ -93,7 +93,7 @@ class LatticeModel:
     reaction : float
         r in ``- r (u - background)`` on the right-hand side, in 1/time or, for second-order models, 1/time^2. A
         negative one, of scalar fields, is growth, for which no side absorbs.
-    integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
+    integrator : Verlet, ModifiedEquation, Euler, RungeKutta4 or RungeKuttaChebyshev
     source_factor : float
         Factor on sources: 1, or the factor that converts power into a rate of temperature.
     combinations : str
@@ -396,7 +396,7 @@ class LatticeModel:
     @property
     def order(self) -> int:
         """Order of the equation in time."""
-        return 2 if isinstance(self.integrator, Verlet) else 1
+        return 2 if isinstance(self.integrator, Verlet | ModifiedEquation) else 1
 
     @property
     def speeds(self) -> dict[str, float]:
@@ -489,6 +489,27 @@ def first_order(integrator: str | Integrator) -> Integrator:
     if isinstance(integrator, Euler | RungeKutta4 | RungeKuttaChebyshev):
         return integrator
     return INTEGRATORS[kinds.one_of(integrator, "model.integrator", INTEGRATORS, "unknown integrator")]
+
+
+WAVE_INTEGRATORS: dict[str, Integrator] = {"verlet": Verlet(), "modified-equation": ModifiedEquation()}
+
+
+def second_order(integrator: str | Integrator, damping: float) -> Integrator:
+    """The integrator with a given name, or a given integrator for equations of second order; an InputError for another,
+    and for damping that it does not have.
+    """
+    found = integrator
+    if not isinstance(integrator, Verlet | ModifiedEquation):
+        found = WAVE_INTEGRATORS[kinds.one_of(integrator, "model.integrator", WAVE_INTEGRATORS, "unknown integrator")]
+    if damping and isinstance(found, ModifiedEquation):
+        raise InputError(
+            "the modified equation is that of waves without damping",
+            value=damping,
+            limit=0,
+            key="model.damping",
+            remedy='integrator = "verlet"',
+        )
+    return found  # type: ignore[return-value]
 
 
 def material_constant(value: Any, key: str, positive: bool = True, follows: bool = False) -> Any:

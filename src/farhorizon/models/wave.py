@@ -7,14 +7,15 @@ from typing import Annotated, Any, ClassVar
 
 from farhorizon import kinds
 from farhorizon.arguments import Frequency, Unit
-from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import Constant, Density, LatticeModel, material_constant
+from farhorizon.models.model import Constant, Density, LatticeModel, material_constant, second_order
 
 
 class Wave(LatticeModel):
-    r"""Peridynamic or classical scalar waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \rho c^2 L u + s`, by velocity Verlet.
+    r"""Peridynamic or classical scalar waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \rho c^2 L u + s`, by velocity Verlet
+    unless another integrator is given.
 
     Where the medium varies, the stiffness :math:`\rho c^2` of a bond follows from those of its two ends (`Simulation`,
     `rule`), and each node has its own density: the operator is that of :math:`\nabla\cdot(\rho c^2\,\nabla u)`.
@@ -29,6 +30,10 @@ class Wave(LatticeModel):
         Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
     density : float, str, ndarray or callable
         Mass per volume; given like `speed`.
+    integrator : {"verlet", "modified-equation"}
+        Velocity Verlet, of second order in the time step, or the modified equation of fourth order, which takes two
+        sweeps a step, whose limit is sqrt(3) times as long, and which serves linear waves without damping. The stencil
+        should be as accurate: `Stencil.finite_difference` of order 4 or more.
 
     Notes
     -----
@@ -58,10 +63,11 @@ class Wave(LatticeModel):
         damping: Frequency = 0.0,
         *,
         density: Density = 1.0,
+        integrator: str | Integrator = "verlet",
     ) -> None:
         super().__init__(operator)
         self.damping = kinds.number(damping, "model.damping", least=0)
-        self.integrator = Verlet()
+        self.integrator = second_order(integrator, self.damping)
         self._set(speed=material_constant(speed, "model.speed"), density=material_constant(density, "model.density"))
 
     @staticmethod

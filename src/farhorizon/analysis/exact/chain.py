@@ -23,7 +23,7 @@ import numpy as np
 from scipy import fft, special
 
 from farhorizon.errors import InputError
-from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.integrators import Integrator, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 
 _ROUNDING = 42.0  # anything below exp(-42) = 6e-19 of the impulse is neglected
@@ -53,6 +53,8 @@ class Recursion:
         """The recursion of an integrator; an InputError for schemes of several stages, the inner ones of which would
         need ghosts of their own.
         """
+        if isinstance(integrator, ModifiedEquation):
+            return _TwoStages(1.0, dt**2, 0.5, reaction)
         numbers = integrator.stages(dt, damping, True).numbers
         if len(numbers) > 1:
             raise InputError(
@@ -68,11 +70,29 @@ class Recursion:
         """Eigenvalue of A for which a mode has the factor z per step: ``(z - 1)(1 - keep/z)/scale + reaction``."""
         return (z - 1) * (1 - self.keep / z) / self.scale + self.reaction
 
+    def gain(self, eigenvalue: complex) -> complex:
+        """What a step adds to the increment of a mode with an eigenvalue of A, relative to its value."""
+        return self.scale * eigenvalue
+
     def growth(self, eigenvalue: np.ndarray) -> np.ndarray:
         """Largest modulus of the factor per step for eigenvalues of A."""
         half = (1 + self.keep + self.scale * (eigenvalue.astype(complex) - self.reaction)) / 2
         root = np.sqrt(half**2 - self.keep)
         return np.maximum(np.abs(half + root), np.abs(half - root))
+
+
+class _TwoStages(Recursion):
+    """The modified equation, for layers that repeat what they do in each stage: ``y + y^2/12`` with ``y = dt^2 A`` in
+    place of y.
+    """
+
+    def eigenvalue(self, z: np.ndarray) -> np.ndarray:
+        change = super().eigenvalue(z) - self.reaction
+        return (np.sqrt(36 + 12 * self.scale * np.asarray(change, complex)) - 6) / self.scale + self.reaction
+
+    def gain(self, eigenvalue: complex) -> complex:
+        scaled = self.scale * eigenvalue
+        return scaled + scaled**2 / 12
 
 
 def half_weights(stencil: Stencil, rate: float = 1.0, side: int = -1) -> np.ndarray:

@@ -171,7 +171,7 @@ def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
     """Factor per step, with a phase that decreases in time, of a wave for which an operator has a real `eigenvalue`;
     for first order in time, the factor of the decaying mode.
     """
-    half = (1 + recursion.keep + recursion.scale * eigenvalue) / 2
+    half = (1 + recursion.keep + recursion.gain(eigenvalue)) / 2
     if recursion.keep == 0:
         return complex(2 * half)
     return complex(half - np.sqrt(complex(half**2 - recursion.keep)))

@@ -11,7 +11,7 @@ from scipy import fft
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
-from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
+from farhorizon.medium.integrators import Integrator, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 
 
@@ -61,7 +61,7 @@ class InfiniteLattice:
         damping: float = 0.0,
     ) -> None:
         self.integrator, self.dt, self.last, self.shape = integrator, dt, last, u.shape[-stencil.dim :]
-        if isinstance(integrator, Verlet):
+        if isinstance(integrator, Verlet | ModifiedEquation):
             travel = wave_travel(stencil, rate, last, dt)
         else:
             # a field that diffuses has fallen to exp(-13^2/4) = 4e-19 there
@@ -83,8 +83,8 @@ class InfiniteLattice:
         self.start = self._transform(u)
         self.speed = self._transform(v) if v is not None and np.any(v) else np.zeros(1)
         self._after: Callable[[int], np.ndarray]
-        if isinstance(integrator, Verlet):
-            modes = VerletModes(self.symbol, dt, damping)
+        if isinstance(integrator, Verlet | ModifiedEquation):
+            modes = integrator.modes(self.symbol, dt, damping)
             self._after = lambda steps: modes.after(steps, self.start, self.speed)
         else:
             growth = integrator.growth(self.symbol, dt)
@@ -131,6 +131,14 @@ class Scheme:
         polynomial of the operator, whose reach is that of the stencil times the number of stages; an InputError if it
         couples too many nodes.
         """
+        if isinstance(integrator, ModifiedEquation):
+            raise InputError(
+                "waves that come from or go to the exterior are those of one stage per step",
+                value=integrator.name,
+                limit="velocity Verlet",
+                key="model.integrator",
+                remedy='integrator = "verlet"',
+            )
         if isinstance(integrator, Verlet):
             return cls(stencil, rate, Recursion.of(integrator, dt, damping), dt, 2)
         stages = len(integrator.stages(dt).numbers)

@@ -12,7 +12,7 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.medium.integrators import Euler, Verlet
+from farhorizon.medium.integrators import Euler, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.setup.reference_medium import constants_of
@@ -63,6 +63,36 @@ def check_model(setup: Setup, sides: Sides) -> None:
         )
     if model.bond_law is not None:
         _check_bonds(setup)
+    if isinstance(model.integrator, ModifiedEquation):
+        _check_modified_equation(setup, sides)
+
+
+def _check_modified_equation(setup: Setup, sides: Sides) -> None:
+    """Refuse what the modified equation does not support: it squares the operator, so this must be linear and the same
+    in all steps, and what acts on nodes or increments once per step has no place between its stages.
+    """
+    model = setup.model
+    linear = 'bonds that neither break nor have a law of their own, or integrator = "verlet"'
+    refused: list[tuple[bool, str, object, str]] = [
+        (model.bond_law is not None, "model", model.title, linear),
+        (bool(model.damping or model.drag), "model.damping", model.damping, 'integrator = "verlet"'),
+        (model.of_temperature is not None, "model", model.title, 'integrator = "verlet"'),
+        (len(setup.constraints) > 0, "constraint", len(setup.constraints), 'Fixed sides, or integrator = "verlet"'),
+        (setup.balance, "balance", True, 'leave it out, or integrator = "verlet"'),
+    ]
+    for place, side in sides.items():
+        one_stage = side.exact or side.closing or side.damped or side.derivatives
+        name = type(side).__name__
+        instead = "LatticePML, Extended, Free, Fixed, Periodic"
+        refused.append((one_stage, f"boundary.{side_name(*place)}", name, instead))
+    for given, key, value, remedy in refused:
+        if given:
+            raise InputError(
+                "the modified equation serves linear waves without damping, between sides that take part in each stage",
+                value=value,
+                key=key,
+                remedy=remedy,
+            )
 
 
 def _check_bonds(setup: Setup) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from farhorizon.engine.codegen.matrices import Signs
-from farhorizon.engine.engine import Engine
+from farhorizon.engine.engine import Engine, Layer
 from farhorizon.engine.exchange import Link
 from farhorizon.engine.filter import filter_with_images
 from farhorizon.engine.settings import connect, set_density
@@ -19,6 +19,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
+from farhorizon.medium.integrators import ModifiedEquation
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.near_field import NearField
@@ -186,6 +187,8 @@ def make_grid(
     offsets[:, lead:] = bonds[0]
     layers = {(lead + axis, side): layer for (axis, side), layer in layered.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
+    if isinstance(model.integrator, ModifiedEquation) and layers:
+        _check_modified_equation(near, list(layers.values()))
     light = near.density is None and not model.drag  # otherwise the base of a stage is read after the forces
     alone = lattice.dim == 1 and light
     stages = model.integrator.stages(near.dt, model.damping, alone, setup.lasting or not light)
@@ -226,6 +229,28 @@ def make_grid(
         if boundary.held is not None and boundary.held != near.background:
             _hold_beyond(grid, near, layered, (axis, side), boundary.held)
     return grid
+
+
+def _check_modified_equation(near: NearField, layers: list[Layer]) -> None:
+    """Refuse layers with dampers, which are tuned to velocity Verlet, and steps with which some waves run backward, and
+    grow in layers: those with ``dt^2 S > 6`` for the eigenvalue S, whose frequency falls as S rises.
+    """
+    most, scheme = near.step_limit / np.sqrt(2), near.model.integrator.name
+    if near.dt > most:
+        raise InputError(
+            f"with the {scheme} short waves run backward at such a step, and grow in layers",
+            value=near.dt,
+            limit=f"{most:.6g}, 0.707 of the stable limit",
+            key="run.dt",
+            remedy="a smaller step, or leave it out",
+        )
+    if any(layer.tuned.size for layer in layers):
+        raise InputError(
+            "the dampers of this layer are tuned to velocity Verlet",
+            value=scheme,
+            key="model.integrator",
+            remedy='integrator = "verlet", or another profile',
+        )
 
 
 def _signs(stencil: Stencil) -> Signs:

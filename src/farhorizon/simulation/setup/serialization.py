@@ -12,7 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.models import LatticeModel
-from farhorizon.models.model import INTEGRATORS
+from farhorizon.models.model import INTEGRATORS, WAVE_INTEGRATORS
 from farhorizon.simulation.setup.setup import Setup
 
 
@@ -43,7 +43,7 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
         return {"array": name}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    for name, integrator in INTEGRATORS.items():
+    for name, integrator in (INTEGRATORS | WAVE_INTEGRATORS).items():
         if value is integrator:
             return name
     if (given := arguments_of(value)) is not None:

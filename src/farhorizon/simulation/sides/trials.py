@@ -22,7 +22,7 @@ from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError, UnstableError, ValidityWarning
-from farhorizon.medium.integrators import RungeKuttaChebyshev
+from farhorizon.medium.integrators import RungeKuttaChebyshev, Verlet
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
 from farhorizon.simulation.sides.layered_sides import spreads
@@ -161,7 +161,8 @@ class TrialRuns:
         def steep(nodes: int) -> Layer:
             return LatticePML(nodes=nodes).make_layer(2, stencil, coefficient, spacing, 0.0)
 
-        return families(stencil, pace, slowest, late, dt if uniform else None, steep)
+        dampers = uniform and isinstance(near.model.integrator, Verlet)
+        return families(stencil, pace, slowest, late, dt if dampers else None, steep)
 
     def _distance(self, key: Key) -> float:
         """Return the nodes between a side and the data, sources and conditions."""

@@ -12,6 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.sources import check_size, field, widened
+from farhorizon.medium.integrators import ModifiedEquation
 from farhorizon.simulation.heat.solid_and_liquid import placed
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.setup.grid import Grid
@@ -161,7 +162,10 @@ class Motion:
         """
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
         engine.begin(engine.current)
-        change = -(dt**2) / 2 * self.acceleration(0.0).astype(float)
+        accelerations = self.acceleration(0.0).astype(float)
+        change = -(dt**2) / 2 * accelerations
+        if isinstance(model.integrator, ModifiedEquation):
+            change += self._higher_terms(accelerations, v, resting)
         rate = self.grid.view(change)
         rate += (dt * (1 + model.damping * dt) * v).reshape(rate.shape)
         if beyond is not None:
@@ -175,6 +179,27 @@ class Motion:
         engine.memory[:] = 0
         engine.apply(engine.levels[1])  # states of nodes are those of the previous step, as after any step
         engine.begin(engine.current)
+
+    def _higher_terms(self, acceleration: np.ndarray, v: np.ndarray, resting: np.ndarray) -> np.ndarray:
+        """The terms of third and fourth order in the step by which the field changes before the start, as a level:
+        ``dt^3/6 (L v + s_t) - dt^4/24 (L u_tt + s_tt)``; the derivatives of the sources are those of the parabola
+        through the first three steps, since a source need not have values before the start.
+        """
+        engine, dt = self.grid.engine, self.near.dt
+        velocity, acceleration = np.zeros_like(engine.current), acceleration.astype(engine.dtype)
+        part = self.grid.view(velocity)
+        part[...] = v.reshape(part.shape)
+        terms = []
+        for level in (velocity, acceleration):
+            level[resting] = 0
+            terms.append(engine.apply(level).astype(float))
+        first, second, third = (self.force(n * dt) for n in range(3))
+        for term, source in zip(
+            terms, ((-1.5 * first + 2 * second - 0.5 * third) / dt, (first - 2 * second + third) / dt**2), strict=True
+        ):
+            part = self.grid.view(term)
+            part += source.reshape(part.shape)
+        return (dt**3 / 6 * terms[0] - dt**4 / 24 * terms[1]) * engine.mobility
 
     def release(self, step: int) -> None:
         """Release nodes whose constraint ends at a step: their older level is set as at the start of a run."""
