@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from scipy.integrate import solve_ivp
 
 import farhorizon as fh
+from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.medium.integrators import ModifiedEquation, Verlet
 
 FOURTH = "modified-equation"

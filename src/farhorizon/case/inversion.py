@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from farhorizon import public as fh
-from farhorizon.case.case import Case
 from farhorizon.case.build import recorders_of
+from farhorizon.case.case import Case
 from farhorizon.case.changes import changed
 from farhorizon.case.inversion_schema import MISFITS, inversion_part
 from farhorizon.case.problems import explain

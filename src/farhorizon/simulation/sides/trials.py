@@ -36,7 +36,7 @@ CROSSINGS = 20
 #: each with candidates of two families: with half as many, trials of some runs end early, and one choice in twenty
 #: missed its target.
 SECONDS = 2.0
-_RUNS, _MOST_SECONDS, _PART = 9, 20.0, 0.25
+_RUNS, _MOST_SECONDS, _PART = 9, 60.0, 0.25
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
 # needs for an exponential
