@@ -19,6 +19,7 @@ from pydantic import ValidationError
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.case.inversion_schema import ShotPart, inversion_part
 from farhorizon.case.schema import case_part
 from farhorizon.case.toml import document
 from farhorizon.cli import main
@@ -198,7 +199,13 @@ def completed(fragment, model):
 
 
 def accepts(fragment):
-    """Raise what the last model says of the tables of a case, if none accepts them."""
+    """Raise what the last model says of the tables of a case, if none accepts them; of inversions the keys alone."""
+    if "[inversion]" in fragment:
+        given, table = tomllib.loads(fragment), inversion_part().model_fields["inversion"].annotation
+        assert given["inversion"].keys() <= table.model_fields.keys()
+        for shot in given["shot"]:
+            ShotPart.model_validate(shot, context={"folder": Path(), "units": None})
+        return
     for model in MODELS:
         text = completed(fragment, model)
         try:
