@@ -390,7 +390,7 @@ class Run(ABC):
 
         if kinds.number(until, "run.until") <= self.time:
             raise InputError("the film ends before it begins", value=until, limit=f"> {self.time:g}", key="run.until")
-        frames = Frames(name, self.lattice.axes, path, limits, outlines_of(self).get("cracks", []))
+        frames = Frames(kinds.text(name, "name"), self.lattice.axes, path, limits, outlines_of(self).get("cracks", []))
 
         def draw(run: Run) -> None:
             frames.add(shown_fields(run, name), f"t = {time_text(run.time)}")

@@ -37,6 +37,7 @@ CROSSINGS = 20
 #: missed its target.
 SECONDS = 2.0
 _RUNS, _MOST_SECONDS, _PART = 9, 60.0, 0.25
+_PATIENCE = 100.0  # seconds of which trials of a long run take no more, since its user waits
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
 # needs for an exponential
@@ -71,7 +72,7 @@ class _Record(NamedTuple):
 
 def _allowed(seconds: float) -> float:
     """Seconds that the trials of a run may take which takes some seconds itself."""
-    return max(float(np.clip(_RUNS * seconds, SECONDS, _MOST_SECONDS)), _PART * seconds)
+    return max(float(np.clip(_RUNS * seconds, SECONDS, _MOST_SECONDS)), min(_PART * seconds, _PATIENCE))
 
 
 @dataclass
