@@ -83,6 +83,13 @@ def test_a_search_without_time_says_that_it_does_not_know(most):
     assert found.nodes >= (7 if most < 2 else 12) and len(trials.made) <= most + 1
 
 
+@pytest.mark.parametrize("most", range(1, 12))
+def test_an_error_is_told_or_unknown_whenever_time_ends(most):
+    """Also where no layer keeps the aim: a refusal names an error that was found."""
+    found = thinnest([family(), family("steep")], Errors(lambda name, nodes: 1e-3 / nodes, most), 1e-6, 8)
+    assert not found.kept and (np.isnan(found.error) or 1e-5 < found.error < 1e-3)
+
+
 def test_a_layer_tells_its_trial():
     layer = thin(6, 1.0)
     told = str(Thickness("thin (4)", layer, 3e-6, 100.0, 40.0))

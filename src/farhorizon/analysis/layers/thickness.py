@@ -152,16 +152,15 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
         unknown = Found(of_nodes(families, likely), likely, np.nan, False)
         if not trials.reference(reference, thick):
             return unknown
-        found = _first_below(families, trials, aim, thinner(thick, apart), _HOPELESS * aim)
+        # of the thickest layers the error is told, however large it is
+        enough = np.inf if thick == most else _HOPELESS * aim
+        found = _first_below(families, trials, aim, thinner(thick, apart), enough)
         if found is None:
             return unknown
         if found.kept:
             return _refined(families, trials, aim, found)
         if thick == most:
-            every = [(family, layer.columns) for family in families if (layer := family.thickest(MOST)) is not None]
-            least = [trials.error(family, nodes, np.inf) for family, nodes in every]
-            family, nodes = every[int(np.argmin(least))]
-            return Found(family, nodes, min(least), False)
+            return found
         # from the thickest candidate: where all differ alike from the reference, the error is that of the reference
         errors.append((thinner(thick, apart), max(found.error, aim)))
         thick = int(np.clip(thicker(_likely(errors, aim, most), apart), thick + 1, _MOST_AHEAD * thick))
@@ -172,7 +171,8 @@ def _likely(errors: list[tuple[int, float]], aim: float, most: int) -> int:
     """The nodes with which the error falls to half of the aim, if it goes on to fall as in the last two rounds."""
     (before, larger), (nodes, error) = errors[-2:]
     fall = np.log(larger / error) / (nodes - before)
-    return nodes + int(np.ceil(min(np.log(error / (aim / 2)) / max(fall, 1e-3), most)))
+    missing = np.log(error / (aim / 2)) / fall if fall > 0 else most
+    return nodes + int(np.ceil(min(missing, most)))
 
 
 def of_nodes(families: list[Family], nodes: int) -> Family:

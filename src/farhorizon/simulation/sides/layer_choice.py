@@ -24,16 +24,14 @@ from farhorizon.simulation.setup.digests import digest_of
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
 from farhorizon.simulation.sides import trials as trial_runs
-from farhorizon.simulation.sides.trials import CROSSINGS, SECONDS, TrialRuns
+from farhorizon.simulation.sides.trials import CROSSINGS, SECONDS, SHORTEST, TrialRuns
 
 LASTING = 10  # length of a run of diffusion if it is not known, in R^2/diffusivity
 # rounding error in single precision relative to the largest value at the same time: of diffusion, which decays, and of
 # waves
 _ROUNDED = 1e-4, 2e-6
 _BESIDE = 0.03  # part of the target that data may have at the sides of a smaller copy
-# nodes between data and a side over the length of that side, below which waves run almost along it; crossings after
-# which they have passed it
-_BESIDE_LONG, _PASSING = 0.25, 1.5
+_ALONG = 0.25  # cosine of the angle to the normal of a side, below which waves run almost along it
 _ENOUGH = 8  # trials for which a smaller copy leaves time: three references, and candidates
 _MEASURE = "'farhorizon compare' measures it"
 
@@ -114,17 +112,40 @@ def _smaller(trials: TrialRuns) -> TrialRuns | None:
     open_axes = [a for a in range(len(shape)) if {(a, -1), (a, 1)} <= set(trials.keys)]
     if not open_axes:
         return None
-    least = np.array(near.stencil.reach) + 2
     axis = min(open_axes, key=lambda a: room[a].min())
     along = max((int(room[a].max()) for a in range(len(shape)) if a != axis), default=0)
-    if near.model.order == 2 and max(room[axis].min(), least[axis]) < _BESIDE_LONG * along:
-        beside = room.copy()
-        beside[axis] = np.minimum(room[axis], max(2 * room[axis].min(), least[axis]))
-        strip = _cropped(trials, held, beside, trials.until, _PASSING * near.slow_crossing)
-        if strip is not None and strip.tried == strip.longest:
+    if near.model.order == 2 and room[axis].min() < _ALONG * along:
+        strip = _strip(trials, held, room, axis)
+        if strip is not None:
             return strip
-    small = None
-    for part in 0.7 ** np.arange(1, 15):
+    return _in_proportion(trials, held, room, open_axes)
+
+
+def _least_room(near: NearField) -> np.ndarray:
+    """Return the least number of nodes between data and a side, by axis: the reach, and some nodes of the medium."""
+    return np.array(near.stencil.reach) + 2
+
+
+def _strip(trials: TrialRuns, held: list[np.ndarray], room: np.ndarray, axis: int) -> TrialRuns | None:
+    """Return trials on a strip along the nearest side, which lies across an axis, until all waves have passed it once,
+    along the diagonal; None where they take too long.
+    """
+    near, beside = trials.near, room.copy()
+    beside[axis] = np.minimum(room[axis], max(2 * room[axis].min(), _least_room(near)[axis]))
+    passing = max(SHORTEST, float(np.sqrt(near.lattice.dim))) * near.slow_crossing
+    strip = _cropped(trials, held, beside, trials.until, passing)
+    return strip if strip is not None and strip.tried == min(strip.longest, strip.until) else None
+
+
+def _in_proportion(
+    trials: TrialRuns, held: list[np.ndarray], room: np.ndarray, open_axes: list[int]
+) -> TrialRuns | None:
+    """Return trials on the largest near field, with sides nearer to the data in proportion, that leaves time for a
+    choice, or else the smallest one.
+    """
+    near, small = trials.near, None
+    shape, least = np.array(near.lattice.shape), _least_room(near)
+    for part in 0.7 ** np.arange(1, 15):  # halves the number of nodes, in the plane
         nearer = room.copy()
         for a in open_axes:
             nearer[a] = np.minimum(room[a], np.maximum(least[a], np.ceil(part * room[a])).astype(int))
@@ -197,8 +218,9 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
     if found.error > wanted and any(run.sides[key].target is not None for key in keys):
         raise NotKept.of(wanted, found.error)
     sides = trials.sides(found.family.name, found.nodes)
+    tried = until * used.tried / used.until  # a smaller near field sees as many crossings in less time
     thickness = {
-        side_name(*key): Thickness(found.family.name, side.profile, float(found.error), until, trials.tried, cost)
+        side_name(*key): Thickness(found.family.name, side.profile, float(found.error), until, tried, cost)
         for key, side in sides.items()
     }
     names = ", ".join(thickness)
@@ -212,8 +234,8 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
         notes.append(
             f"trial runs of the layers ({names}) are those of a smaller near field of {shape} nodes; {_MEASURE}"
         )
-    elif trials.tried < until:
-        notes.append(f"trial runs of the layers ({names}) end at t = {trials.tried:.4g}; {_MEASURE}")
+    elif tried < until:
+        notes.append(f"trial runs of the layers ({names}) end at t = {tried:.4g}; {_MEASURE}")
     if asked < rounded:
         doubts.append(f"in single precision, rounding exceeds the target {asked:g}: use float64 or a larger target")
     return Chosen(sides, thickness, doubts, notes)
@@ -241,7 +263,7 @@ def _cache_file(trials: TrialRuns) -> Path:
     run = trials.run
     others = {key: side for key, side in run.sides.items() if key not in trials.keys}
     given = replace(run.setup, initial={}, boundary=None), others, run.start_u, run.start_v, run.dt
-    asked = trials.keys, trials.wanted, trials.until, trials.allowed
+    asked = trials.keys, trials.wanted, trials.until, trials.allowed, trials.longest
     mark = hashlib.sha256(digest_of((given, asked)) + _PROGRAM)
     return cache_folder() / f"layers_{mark.hexdigest()[:24]}.npz"
 

@@ -22,7 +22,7 @@ from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError, UnstableError, ValidityWarning
-from farhorizon.medium.integrators import RungeKuttaChebyshev, Verlet
+from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
 from farhorizon.simulation.sides.layered_sides import spreads
@@ -31,18 +31,17 @@ from farhorizon.simulation.time.steps import last_step
 #: Crossings of the near field for which layers for waves are chosen where the length of the run is not known, and
 #: beyond which waves that return late count.
 CROSSINGS = 20
-#: Trials take as long as `_RUNS` runs, but `SECONDS` if that is more and `_MOST_SECONDS` if that is less; where a run
-#: takes long, a part of its time. Seconds are counted operations of a typical core. Nine runs are three references,
-#: each with candidates of two families: with half as many, trials of some runs end early, and one choice in twenty
-#: missed its target.
+#: Trials take as long as `_RUNS` runs, but `SECONDS` if that is more and `_MOST_SECONDS` if that is less. Seconds are
+#: counted operations of a typical core. Nine runs are three references, each with candidates of two families: with half
+#: as many, trials of some runs end early, and one choice in twenty missed its target.
 SECONDS = 2.0
-_RUNS, _MOST_SECONDS, _PART = 9, 60.0, 0.25
-_PATIENCE = 100.0  # seconds of which trials of a long run take no more, since its user waits
+_RUNS, _MOST_SECONDS = 9, 60.0
 _TRIALS = 3  # runs that a choice takes, as counted: a reference, a candidate, and parts of others
 # seconds that a step takes to call a function of the user's, and for each node at which it is evaluated: what numpy
 # needs for an exponential
 _CALL, _VALUE = 1e-4, 5e-8
-_SHORTEST = 1.5  # crossings of the near field below which a trial shows too little
+#: Crossings of the near field below which a trial shows too little.
+SHORTEST = 1.5
 # comparisons per crossing of the near field, within which a reflected wave travels on, and their least and largest
 # number
 _LOOKS, _FEWEST_LOOKS, _MOST_LOOKS = 4, 24, 120
@@ -72,7 +71,7 @@ class _Record(NamedTuple):
 
 def _allowed(seconds: float) -> float:
     """Seconds that the trials of a run may take which takes some seconds itself."""
-    return max(float(np.clip(_RUNS * seconds, SECONDS, _MOST_SECONDS)), min(_PART * seconds, _PATIENCE))
+    return float(np.clip(_RUNS * seconds, SECONDS, _MOST_SECONDS))
 
 
 @dataclass
@@ -263,8 +262,7 @@ class TrialRuns:
         for (axis, _), layer in every.items():
             each = 4 * near.stencil.reach[axis] + 2 * dim * len(layer.taps) * layer.filtered
             products += nodes / width[axis] * layer.columns * near.stencil.components * each
-        scheme = near.model.integrator
-        stages = scheme.chebyshev if isinstance(scheme, RungeKuttaChebyshev) else 1
+        stages = len(near.model.integrator.stages(near.dt).numbers)
         called = self._functions * (_CALL + _VALUE * near.lattice.nodes)
         return until / near.dt * (step_seconds(products * stages) + called)
 
@@ -307,7 +305,7 @@ class TrialRuns:
         does not count. Where the layers turn out so thick that the run takes longer, so may the trials.
         """
         layers = self._layers_of(sides)
-        longer = min(_RUNS * self._seconds(layers, self.until), _MOST_SECONDS)
+        longer = _allowed(self._seconds(layers, self.until))
         return self.spent + self._seconds(layers, trial) <= max(self.allowed, longer)
 
     def _made(self, sides: Mapping[Key, Side]) -> Any:
@@ -359,7 +357,7 @@ class TrialRuns:
         """Return the thinnest candidate that keeps the target as far as trials can tell, with more nodes where they are
         shorter than the run.
         """
-        if self.tried < min(self.until, _SHORTEST * self.near.crossing):
+        if self.tried < min(self.until, SHORTEST * self.near.crossing):
             found = Found(of_nodes(self.families, self.start), self.start, np.nan, False)
         else:
             found = thinnest(self.families, self, AIM * self.wanted, self.start, self.apart)
