@@ -19,7 +19,7 @@ import numpy as np
 from scipy import fft
 
 from farhorizon.analysis.references.infinite_lattice import undisturbed, wave_travel
-from farhorizon.medium.integrators import Integrator, ModifiedEquation, Verlet
+from farhorizon.medium.integrators import Integrator, ModifiedEquation
 from farhorizon.medium.stencil import Stencil
 
 _AIM = 0.3  # part of the target error: in a corner several edges reflect
@@ -81,7 +81,7 @@ class Waves:
     @property
     def order(self) -> int:
         """Order of the equation in time."""
-        return 2 if isinstance(self.integrator, Verlet | ModifiedEquation) else 1
+        return self.integrator.equation_order
 
     @property
     def front(self) -> float:
@@ -106,7 +106,7 @@ class Waves:
         (moments, modes).
         """
         moments, scheme = self.moments(), self.integrator
-        if not isinstance(scheme, Verlet | ModifiedEquation):
+        if scheme.equation_order == 1:
             return np.array([scheme.growth(eigenvalue, self.dt) ** n for n in moments])
         if datum.kind != "source":
             u, v = np.array(1.0 * (datum.kind == "u")), np.array(1.0 * (datum.kind == "v"))

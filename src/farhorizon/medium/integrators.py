@@ -7,6 +7,7 @@ Runge-Kutta method of fourth order is a nested polynomial, so it needs four such
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -73,6 +74,7 @@ class Verlet(_OneStage):
     """
 
     order = 2
+    equation_order: ClassVar[Literal[2]] = 2
     name = "velocity Verlet"
     alternates = False
     outruns = False
@@ -163,6 +165,7 @@ class ModifiedEquation:
     """
 
     order = 4
+    equation_order: ClassVar[Literal[2]] = 2
     name = "modified equation"
     alternates = False
     outruns = False
@@ -236,6 +239,7 @@ class Euler(_OneStage):
     """Forward Euler, ``u(n+1) = u(n) + dt (L u(n) + s(n))``."""
 
     order = 1
+    equation_order: ClassVar[Literal[1]] = 1
     name = "forward Euler"
     alternates = True  # near its limit the shortest waves of diffusion change their sign with each step
     outruns = False
@@ -261,6 +265,7 @@ class RungeKutta4:
     """The classical Runge-Kutta method of fourth order."""
 
     order = 4
+    equation_order: ClassVar[Literal[1]] = 1
     name = "Runge-Kutta 4"
     alternates = False
     outruns = False
@@ -338,6 +343,7 @@ class RungeKuttaChebyshev(Storable):
 
     chebyshev: int = 20
     order = 2
+    equation_order: ClassVar[Literal[1]] = 1
     name = "Runge-Kutta-Chebyshev"
     alternates = False
     outruns = True  # stable steps may be much longer than those that follow the field

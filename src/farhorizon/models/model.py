@@ -396,7 +396,7 @@ class LatticeModel:
     @property
     def order(self) -> int:
         """Order of the equation in time."""
-        return 2 if isinstance(self.integrator, Verlet | ModifiedEquation) else 1
+        return self.integrator.equation_order
 
     @property
     def speeds(self) -> dict[str, float]:

@@ -61,7 +61,7 @@ class InfiniteLattice:
         damping: float = 0.0,
     ) -> None:
         self.integrator, self.dt, self.last, self.shape = integrator, dt, last, u.shape[-stencil.dim :]
-        if isinstance(integrator, Verlet | ModifiedEquation):
+        if integrator.equation_order == 2:
             travel = wave_travel(stencil, rate, last, dt)
         else:
             # a field that diffuses has fallen to exp(-13^2/4) = 4e-19 there
@@ -83,7 +83,7 @@ class InfiniteLattice:
         self.start = self._transform(u)
         self.speed = self._transform(v) if v is not None and np.any(v) else np.zeros(1)
         self._after: Callable[[int], np.ndarray]
-        if isinstance(integrator, Verlet | ModifiedEquation):
+        if integrator.equation_order == 2:
             modes = integrator.modes(self.symbol, dt, damping)
             self._after = lambda steps: modes.after(steps, self.start, self.speed)
         else:
