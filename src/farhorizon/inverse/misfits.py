@@ -185,7 +185,7 @@ class DataMisfit(Misfit):
     def _passed(self, values: np.ndarray, times: np.ndarray) -> np.ndarray:
         if self.frequency is None or len(times) < 2:
             return values
-        return _filtered(values, lambda f: 1 / (1 + (f / self.frequency) ** 8), times)
+        return _filtered(values, lambda f: 1 / (1 + (f / self.frequency) ** 8), times[1] - times[0])
 
 
 class LeastSquares(DataMisfit):
@@ -374,13 +374,13 @@ class OwnMisfit(Misfit):
         return kinds.number(value, "misfit.function"), found
 
 
-def _filtered(values: np.ndarray, gain: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> np.ndarray:
+def _filtered(values: np.ndarray, gain: Callable[[np.ndarray], np.ndarray], step: float = 1.0) -> np.ndarray:
     """Multiply the spectra in time, axis 0, by a gain that depends on the frequency."""
-    count = 2 * len(times)  # zeros behind, so that the end does not wrap around to the start
-    factor = gain(np.fft.rfftfreq(count, times[1] - times[0])).reshape(-1, *[1] * (values.ndim - 1))
-    return np.fft.irfft(np.fft.rfft(values, count, axis=0) * factor, count, axis=0)[: len(times)]
+    count = 2 * len(values)  # zeros behind, so that the end does not wrap around to the start
+    factor = gain(np.fft.rfftfreq(count, step)).reshape(-1, *[1] * (values.ndim - 1))
+    return np.fft.irfft(np.fft.rfft(values, count, axis=0) * factor, count, axis=0)[: len(values)]
 
 
 def _hilbert(values: np.ndarray) -> np.ndarray:
     """Return the Hilbert transform in time, axis 0."""
-    return _filtered(values, lambda f: np.where(f > 0, -1j, 0.0), np.arange(max(len(values), 2.0)))[: len(values)]
+    return _filtered(values, lambda f: np.where(f > 0, -1j, 0.0))
