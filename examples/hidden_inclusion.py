@@ -50,6 +50,8 @@ def measured(speed: np.ndarray) -> tuple[float, np.ndarray, float]:
 
 
 if __name__ == "__main__":
+    maps = {}
     for name, sides, noise in [("layer", LAYER, 0.0), ("layer, 5 % noise", LAYER, 0.05), ("sponge", SPONGE, 0.0)]:
-        contrast, centre, error = measured(inverted(sides, noise))
+        maps[name] = inverted(sides, noise)
+        contrast, centre, error = measured(maps[name])
         print(f"{name:16} contrast {contrast:.3f} of {CONTRAST} centre {centre.round(2)} error of the map {error:.2f}")

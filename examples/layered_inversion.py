@@ -53,6 +53,7 @@ def inverted(given: list, iterations: int = 12, jobs: int = 2) -> fh.Inversion:
 
 
 if __name__ == "__main__":
-    found = inverted(shots()).maps["speed"]
+    given = shots()
+    found = inverted(given).maps["speed"]
     for name, speed in {"start": START, "end": found}.items():
         print(f"error of the speed at the {name}: {np.sqrt(np.mean((speed - truth()) ** 2)):.0f} m/s")

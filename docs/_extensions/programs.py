@@ -37,8 +37,8 @@ class Run(NamedTuple):
 def run(path: Path, verb: str = "run", code: int = 0, drawn: Path | None = None) -> Run:
     """Run a case file or a script, unless this was done before with the same package and the same file.
 
-    `verb` is what is done with a case. It has to end with `code`; `drawn` is a script that draws a picture of what
-    another computes.
+    `verb` is what is done with a case. It has to end with `code`; `drawn` is a program that runs a script and draws
+    what it has computed.
     """
     folder = KEPT / path.parent.name / f"{path.stem}_{path.suffix[1:]}_{verb}"
     said = folder / "run.json"
@@ -57,14 +57,13 @@ def _do(path: Path, folder: Path, verb: str, code: int, drawn: Path | None) -> d
     if path.suffix == ".toml":
         words, command = ["-m", "farhorizon", verb, str(path), "--out", str(folder)], f"farhorizon {verb} {shown}"
     else:
-        words, command = [str(path)], f"python {shown}"
+        words = [str(drawn), str(path), f"{path.stem}.png"] if drawn else [str(path)]
+        command = f"python {shown}"
     start = time.perf_counter()
     done = _python(words, folder)
     seconds = time.perf_counter() - start
     if done.returncode != code:
         raise RuntimeError(f"{command} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    if drawn:
-        _python([str(drawn), str(path), f"{path.stem}.png"], folder).check_returncode()
     for large in (*folder.glob("*.h5"), *folder.glob("*.ckpt")):
         large.unlink()
     printed = done.stdout + (done.stderr if code else "")

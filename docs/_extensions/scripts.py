@@ -1,4 +1,4 @@
-"""A picture of what each example script computes: ``python docs/_extensions/scripts.py SCRIPT PICTURE``."""
+"""Run an example script, and draw what it computes: ``python docs/_extensions/scripts.py SCRIPT PICTURE``."""
 
 from __future__ import annotations
 
@@ -207,16 +207,17 @@ def disc_of_quadrilaterals(names: Names) -> Figure:
 
 
 def hidden_inclusion(names: Names) -> Figure:
-    """The true speed, and what was found between a layer and between a sponge."""
+    """The true speed, and what was found with a layer and with a sponge on all sides."""
     found = {"true speed": names["TRUTH"]}
-    found |= {f"between a {name}": names["inverted"](names[name.upper()]) for name in ("layer", "sponge")}
+    found |= {f"found, with a {name}": names["maps"][name] for name in ("layer", "sponge")}
     figure = Figure(figsize=(10.0, 3.4), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
     for panel, (title, speed) in zip(panels, found.items(), strict=True):
         drawn = panel.imshow(speed.T, origin="lower", extent=(-24, 24, -24, 24), vmin=0.95, vmax=1.25)
         panel.plot(*names["ring"](32, 17.0).T, "w.", markersize=3)
         panel.set(title=title, xlabel="x")
-    figure.colorbar(drawn, ax=panels)
+    panels[0].set_ylabel("y")
+    figure.colorbar(drawn, ax=panels, label="speed")
     return figure
 
 
@@ -301,9 +302,8 @@ def surface_array(names: Names) -> Figure:
 
 def layered_inversion(names: Names) -> Figure:
     """The ground, the start, what was found, and the records of a gun in the middle."""
-    shots = names["shots"]()
-    found = names["inverted"](shots).maps["speed"]
-    shown = {"true ground": names["truth"](), "start": names["START"], "found": found}
+    shots = names["given"]
+    shown = {"true ground": names["truth"](), "start": names["START"], "found": names["found"]}
     _, misfit = shots[len(shots) // 2]
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
     panels = figure.subplots(2, 2)
@@ -315,7 +315,7 @@ def layered_inversion(names: Names) -> Figure:
     panels[0, 0].plot(guns[:, 0], -guns[:, 1], "r*", ms=9, clip_on=False, label="guns")
     panels[0, 0].plot(*(misfit.receivers.points * (1, -1)).T, "w.", ms=1.5, label="hydrophones")
     panels[0, 0].legend(loc="lower left", fontsize="small", facecolor="0.6")
-    figure.colorbar(drawn, ax=list(panels.flat[:3]), label="speed of sound in m/s", location="left", shrink=0.7)
+    figure.colorbar(drawn, ax=panels, label="speed of sound in m/s", shrink=0.7)
     data, record = misfit.data["u"], panels[1, 1]
     times, places = names["DT"] * np.arange(len(data)), misfit.receivers.points[:, 0]
     louder = data * times[:, None] ** 2
@@ -331,7 +331,9 @@ def layered_inversion(names: Names) -> Figure:
 
 def main() -> None:
     script, picture = map(Path, sys.argv[1:])
-    globals()[script.stem](runpy.run_path(str(script))).savefig(picture, dpi=150)
+    sys.argv = [str(script)]
+    names = runpy.run_path(str(script), run_name="__main__")  # prints, and leaves what it has computed
+    globals()[script.stem](names).savefig(picture, dpi=150)
 
 
 if __name__ == "__main__":
