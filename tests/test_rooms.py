@@ -168,6 +168,20 @@ def test_every_room_is_there_and_says_what_it_is(arrows):
     assert silent == []
 
 
+def test_no_module_gives_one_name_to_two_things():
+    """The second of two constants of one name would count where the first is meant, with no other sign of it."""
+    twice = []
+    for name, path in modules().items():
+        given = []
+        for node in ast.parse(path.read_text()).body:
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            for target in targets if isinstance(node, ast.Assign | ast.AnnAssign) else []:
+                given += [one.id for one in getattr(target, "elts", [target]) if isinstance(one, ast.Name)]
+            given += [node.name] if isinstance(node, ast.FunctionDef | ast.ClassDef) else []
+        twice += [f"{name}.{one}" for one in sorted({one for one in given if given.count(one) > 1} - {"_"})]
+    assert twice == []
+
+
 def test_tests_stand_in_rooms_of_the_same_names():
     """The exceptions are tests of the whole program, of single modules at the root, of robustness and of user
     extensions.

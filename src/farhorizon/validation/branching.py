@@ -107,13 +107,13 @@ SPEEDS = "Freund (1990), Dynamic fracture mechanics; Ha and Bobaru (2010), Int. 
 HORIZONS = (0.5, 0.25)
 SMALLEST = 0.125  # smallest horizon, with `full`
 REACHES = (2, 3, 4)  # numbers of spacings in the horizon
-HALF = 16.5  # half width of the near field, a multiple of all spacings
+PATTERNS_HALF = 16.5  # half width of the near field of patterns, a multiple of all spacings
 SHOWN = 13.0, 3.5  # half widths of the part that is drawn
 
 
 def pattern(horizon: float, reach: int) -> tuple[Simulation, CrackTips]:
     """Run of the crack up to the end, and its tips."""
-    return running(LatticePML(nodes=24), HALF, horizon / reach, reach)
+    return running(LatticePML(nodes=24), PATTERNS_HALF, horizon / reach, reach)
 
 
 def speeds(sim: Simulation, tips: CrackTips) -> np.ndarray:

@@ -71,7 +71,7 @@ _STEADY = 1.25  # rate of their damping over that required by first order in sig
 _WIDEST = 4
 # decays of diffusion that matter: the steepest, in nodes of the layer over the distance to the side, which is less the
 # longer the run in units of the time to get there; and the slowest, over the length of diffusion
-_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
+_STEEPEST, _EARLY, _SLOWEST_DECAY = 3.2, 5.2, 2.3
 
 
 class Family(NamedTuple):
@@ -269,7 +269,7 @@ def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Lay
     """
     later = np.log(max(spread / distance**2, 1.0))
     steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
-    slowest = min(_GRADUAL / np.sqrt(spread), steepest / 2)
+    slowest = min(_SLOWEST_DECAY / np.sqrt(spread), steepest / 2)
     tau = spacing / 2 * steepest * zolotarev(slowest / steepest, nodes + 1)
     return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
 
