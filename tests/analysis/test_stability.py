@@ -13,6 +13,7 @@ from farhorizon.analysis.stability import (
     fastest,
     krylov_growth,
     noise_growth,
+    white_noise,
 )
 
 
@@ -95,7 +96,7 @@ def test_what_is_not_allowed_is_not_begun():
 
     update = LinearMap(advance, 10, 1e-12, 10**12, 1e-6)
     assert krylov_growth(update, Allowance(60.0)).stable is None
-    assert noise_growth(update, Allowance(0.0), Allowance(60.0)) == (None, 0.0)
+    assert noise_growth(update, white_noise(10), Allowance(0.0), Allowance(60.0)) == (None, 0.0)
 
 
 def test_rising_noise_is_growth_only_when_it_is_certain():
@@ -114,11 +115,11 @@ def test_rising_noise_is_growth_only_when_it_is_certain():
         return LinearMap(advance, 3 * 300, 0.1, 10, 1e-3)
 
     for allowed in (0.0, 0.1, 1.0):
-        none, quiet = noise_growth(of(accelerated), Allowance(allowed), Allowance(np.inf), 20.0)
+        none, quiet = noise_growth(of(accelerated), white_noise(900), Allowance(allowed), Allowance(np.inf), 20.0)
         assert none is None and quiet == 0
-    found, _ = noise_growth(of(growing), Allowance(1.0), Allowance(np.inf), 20.0)
+    found, _ = noise_growth(of(growing), white_noise(900), Allowance(1.0), Allowance(np.inf), 20.0)
     assert found.rate == pytest.approx(np.log(1.03) / 0.1)
-    assert noise_growth(of(growing), Allowance(0.0), Allowance(np.inf), 20.0) == (None, 0.0)
+    assert noise_growth(of(growing), white_noise(900), Allowance(0.0), Allowance(np.inf), 20.0) == (None, 0.0)
 
 
 def test_the_fastest_decides():

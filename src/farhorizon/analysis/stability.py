@@ -168,7 +168,7 @@ def krylov_growth(update: LinearMap, allowance: Allowance) -> Growth:
     """
     unknown = Growth(0.0, np.inf, 1.0, np.zeros(0))
     noise = _Noise(update)
-    if not noise.run(_NOISE, allowance):
+    if not noise.follow(_NOISE, allowance):
         return noise.explosion() or unknown
     power, x, long = update.crossing, noise.state, (_LONG - _NOISE) * update.crossing * update.cost
     for _ in range(_POWERS):
@@ -183,7 +183,7 @@ def krylov_growth(update: LinearMap, allowance: Allowance) -> Growth:
             return growth
         power *= _RAISE
     until = _LONG
-    while noise.run(until, allowance):
+    while noise.follow(until, allowance):
         growth = noise.decay()
         if growth.stable is not None:
             return growth
@@ -192,11 +192,11 @@ def krylov_growth(update: LinearMap, allowance: Allowance) -> Growth:
 
 
 def noise_growth(
-    update: LinearMap, allowance: Allowance, short: Allowance, crossings: float = np.inf
+    update: LinearMap, noise: np.ndarray, allowance: Allowance, short: Allowance, crossings: float = np.inf
 ) -> tuple[Growth | None, float]:
-    """Growth seen in a short run from white noise, of a map that can only be applied: a cheap test, before anything
-    else is examined. Returns the growth, and the crossing times for which noise ran without growth, 0 if it still rose
-    when the allowance was used up.
+    """Growth seen in a short run from the state `noise`, of a map that can only be applied: a cheap test, before
+    anything else is examined. Returns the growth, and the crossing times for which noise ran without growth, 0 if it
+    still rose when the allowance was used up.
 
     Noise runs as long as the run in question, `crossings`, but at most ten crossing times, within the allowance
     `short`. Where it rises over the last third it is continued, within `allowance`, and a Krylov space of the map
@@ -205,38 +205,43 @@ def noise_growth(
     """
     fraction = min(crossings / SHORT, 1.0)
     # a shorter run is sampled as often
-    noise = _Noise(update._replace(crossing=max(1, int(np.ceil(update.crossing * fraction)))))
-    complete = noise.run(SHORT, short)
-    if noise.explosion() is not None:
-        return noise.explosion(), 0.0
-    length = len(noise.sizes) - 1
+    run = _Noise(update._replace(crossing=max(1, int(np.ceil(update.crossing * fraction)))), noise)
+    complete = run.follow(SHORT, short)
+    if run.explosion() is not None:
+        return run.explosion(), 0.0
+    length = len(run.sizes) - 1
     # soon after the start noise may grow in proportion to time, because its velocities are those of short waves
     least = 1.0 if complete and fraction == 1 else _RISES
     # few vectors cannot separate modes that nearly coincide, such as those of a drift
-    if update.size <= DENSE and noise.rise() > least:
+    if update.size <= DENSE and run.rise() > least:
         matrix = np.stack([update.advance(unit, 1) for unit in np.eye(update.size)], axis=1)
         growth = dense_growth(matrix, update.dt)
         if growth.stable is not None:
             return (None if growth.stable else growth), length * fraction
-    while noise.rise() > least and allowance.take(_VECTORS * update.crossing * update.cost):
-        growth, _ = _arnoldi(update, noise.state, update.crossing, 4)
+    while run.rise() > least and allowance.take(_VECTORS * update.crossing * update.cost):
+        growth, _ = _arnoldi(update, run.state, update.crossing, 4)
         if growth.stable is False and growth.error < _SURE * growth.rate:
             return growth, length * fraction
         length *= 2
-        if not noise.run(length, allowance):
-            return noise.explosion(), 0.0
-    return None, length * fraction if noise.rise() <= least else 0.0
+        if not run.follow(length, allowance):
+            return run.explosion(), 0.0
+    return None, length * fraction if run.rise() <= least else 0.0
+
+
+def white_noise(size: int) -> np.ndarray:
+    """The same noise in every certificate, so that its verdict is the same."""
+    return np.random.default_rng(0).standard_normal(size)
 
 
 class _Noise:
     """A run from white noise, with the size of its state after each crossing time."""
 
-    def __init__(self, update: LinearMap) -> None:
+    def __init__(self, update: LinearMap, state: np.ndarray | None = None) -> None:
         self.update = update
-        self.state = np.random.default_rng(0).standard_normal(update.size)
+        self.state = white_noise(update.size) if state is None else state
         self.sizes = [float(np.linalg.norm(self.state))]
 
-    def run(self, until: int, allowance: Allowance) -> bool:
+    def follow(self, until: int, allowance: Allowance) -> bool:
         """Continue to a number of crossing times; return False if the state exploded or the allowance ended before."""
         while len(self.sizes) <= until:
             if not allowance.take(self.update.crossing * self.update.cost):

@@ -28,6 +28,7 @@ from farhorizon.analysis.stability import (
     krylov_growth,
     noise_growth,
     step_seconds,
+    white_noise,
 )
 from farhorizon.boundaries import Fixed
 from farhorizon.boundaries.plane_wave import largest_update
@@ -629,7 +630,8 @@ def _noise_part(
     period = state.every * twin.dt
     asked = until / (crossing * period)
     update = LinearMap(state.after_rounds, state.size, period / sim.crossing, crossing, _cost(twin))
-    growth, crossings = noise_growth(update, further, short, asked)
+    noise = state.at_rest(white_noise(state.size_of_field))  # as that of initial data: without momentum
+    growth, crossings = noise_growth(update, noise, further, short, asked)
     quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * period)
     if growth is None:
         return None, quiet, where

@@ -27,6 +27,7 @@ class State:
     """
 
     size: int  # number of entries
+    size_of_field: int  # number of the first of them, which are the field
     every: int  # steps between filters of short waves in the layers; only the map of that many is always the same
 
     def __init__(self, engine: Engine) -> None:
@@ -42,7 +43,7 @@ class State:
             self._memory = np.concatenate([self._memory, engine.passes.start + kept])
         poles = engine.ends.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
-        self.size = len(self.read())
+        self.size, self.size_of_field = len(self.read()), len(self._nodes)
 
     def _levels(self, phase: int) -> list[int]:
         """Levels that a step reads before it writes them: that of the field, and for second order also the previous
@@ -91,6 +92,15 @@ class State:
     def after_rounds(self, values: np.ndarray, rounds: int = 1) -> np.ndarray:
         """State after a number of whole rounds of `every` steps."""
         return self.after(values, rounds * self.every)
+
+    def at_rest(self, field: np.ndarray) -> np.ndarray:
+        """State with the values `field` at all existing nodes, shape (`size_of_field`,), at rest, and with nothing in
+        the memory of the layers.
+        """
+        values = np.zeros(self.size)
+        levels = len(self._levels(0)) if not self.engine.stages.increments else 1
+        values[: levels * len(field)] = np.tile(field, levels)
+        return values
 
     def field(self, values: np.ndarray) -> np.ndarray:
         """Field of a state on the core, with the shape of the core, after the components if there are several; complex
