@@ -8,8 +8,8 @@ rises outwards, and differ in their effect on waves that hardly move towards the
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
   boxes, long runs.
-- *tuned*: for stencils with strong backward waves in the plane, as thin as the thin ones. Dampers absorb the backward
-  waves by their frequency, which requires one medium along the whole side.
+- *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers absorb the backward waves by their
+  frequency, which requires one medium along the whole side, and a step that leaves them room.
   In a layer a wave whose group velocity points against its phase velocity grows at the rate ``sigma gamma``, with gamma
   from the symbol (`Stencil.layer_growth`). For positive kernels and for solids all such waves are among the fastest of
   their medium: their frequencies are above 0.65 (bilinear elements) to 0.9 of the largest one, ten times that of a wave
@@ -18,8 +18,8 @@ rises outwards, and differ in their effect on waves that hardly move towards the
   by their frequency, which a layer does not change. Weak backward waves, such as those of scalars in space, lie in a
   narrow band just below the largest frequency. There, light dampers of that band have the effect of the short filter
   (`lightly_tuned`), node by node, without a box of all nodes.
-- *short*: for the same stencils in space. sigma and damping rise together, and the filter of the damping reads few
-  neighbours.
+- *short*: for the same stencils in space, where they cannot be tuned. sigma and damping rise together, and the filter of
+  the damping reads few neighbours.
 - *steep*: little alpha. Travelling waves are reflected least: on a line, and where others would grow or reflect
   backward waves.
 - *diffusive*: for diffusion, stretches kappa at the points of Zolotarev's problem between the slowest and the steepest
@@ -236,9 +236,9 @@ def families(
     if crowded(stencil) or (damped is not None and damped.whole) or (stencil.dim == 1 and weak(damped)):
         return [last]
     if not weak(damped):
-        if stencil.dim > 2:
-            return [Family("short", lambda nodes: short(nodes, stencil, slowest)), last]
-        return [last] if dt is None else [Family("tuned", lambda nodes: tuned_layer(nodes, stencil, pace, dt)), last]
+        tuned = [] if dt is None else [Family("tuned", lambda nodes: tuned_layer(nodes, stencil, pace, dt))]
+        filtered = [Family("short", lambda nodes: short(nodes, stencil, slowest))] if stencil.dim > 2 else []
+        return [*tuned, *filtered, last]
     first = Family("thin", lambda nodes: _thin(nodes, stencil, pace, dt))
     if late is not None and _timely(stencil):
         return [first, Family("late", lambda nodes: late(nodes) if nodes > max(_EQUAL) else None)]
