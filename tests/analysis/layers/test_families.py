@@ -160,7 +160,7 @@ def test_which_families_there_are():
     assert names_of(fh.Wave(fh.Kernel(5.0, influence="gaussian")), 2, **late) == ["thin", "steep"]  # late would grow
     assert names_of(BACKWARD["bonds"], 2) == ["tuned", "steep"]
     assert names_of(BACKWARD["bonds"], 2, dt=None) == ["steep"]
-    assert names_of(BACKWARD["bonds"], 3) == ["short", "steep"]
+    assert names_of(BACKWARD["bonds"], 3) == ["tuned", "short", "steep"]
     assert names_of(fh.Wave(fh.Kernel(4.0, 1, "linear")), 2) == ["steep"]  # 40 % of its waves hardly move
     bare = fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="correspondence")
     assert names_of(bare, 2) == ["steep"]  # zero-energy modes
