@@ -17,9 +17,11 @@ from farhorizon.engine.damage import STATES_AGAIN
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import Filter
+from farhorizon.engine.impactors import BOX, DIFFERENCE, ROUND, UNION, Impactors
 from farhorizon.engine.shape_tensors import stress_left
 from farhorizon.engine.tables import Inputs, Material, Stage
 from farhorizon.engine.two_pass import TwoPassOperator
+from farhorizon.geometry.shapes import Polygon
 from stretched_shifts import StretchedShifts
 
 
@@ -70,6 +72,8 @@ class Interpreter:
             op.FLOW: self._flow,
             op.DEPEND: self._depend,
             op.OUTLINE: self._fringe,
+            op.PUSH: self._push,
+            op.WORK_OF_PUSHES: self._work_of_pushes,
             op.DISSOLVE: self._dissolve,
             op.RECORD: self._keep,
             op.THERMAL_FORCES: heat.subtract_thermal_forces,
@@ -378,6 +382,50 @@ class Interpreter:
         change = (self.split(stage.out) - self.split(stage.base))[:, nodes]
         mobility = self.tables.mobility[nodes] if self.tables.mobility.size else 1.0
         drag.lost[0, 0] -= 0.5 * (near * pull * change / mobility).sum()
+
+    def _push(self) -> None:
+        impactors, stage, d = self.tables.impactors, self.stage, self.components
+        spacing, dt = impactors.scales
+        box = tuple(slice(a, b) for a, b in zip(impactors.first, impactors.end, strict=True))
+        places = self.places[box].ravel()
+        at = np.indices(self.places[box].shape).reshape(3, -1)[3 - d :].T * spacing + impactors.lower
+        at, places = at[impactors.exists[places] > 0], places[impactors.exists[places] > 0]
+        at = at + self.split(stage.src)[:, places].T
+        mobility = self.tables.mobility[places] if self.tables.mobility.size else np.ones(len(places))
+        for number, (x, v) in enumerate(impactors.state):
+            stiffness, friction, lightness = impactors.constants[number]
+            depth, normal = depths(impactors, number, at - x)
+            force = stiffness * np.maximum(depth, 0)[:, None] * normal
+            for gains, component in zip(
+                (stage.scale * mobility[:, None] * force).T, self.split(stage.out), strict=True
+            ):
+                component[places] += gains
+            path = self.inputs.impactor_paths[self.step, number]
+            moves = dt * (v - lightness * dt * force.sum(0)) if lightness else path - x
+            slip = (self.split(stage.out)[:, places] - self.split(stage.src)[:, places]).T - moves
+            slip -= (slip * normal).sum(1, keepdims=True) * normal
+            size = np.linalg.norm(slip, axis=1)
+            share = 1 / (1 + lightness * (1 / mobility)[depth > 0].sum())
+            most = np.minimum(friction * stiffness * np.maximum(depth, 0), share * size / (stage.scale * mobility))
+            rubbed = -(most / np.where(size > 0, size, 1))[:, None] * slip
+            for gains, component in zip(
+                (stage.scale * mobility[:, None] * rubbed).T, self.split(stage.out), strict=True
+            ):
+                component[places] += gains
+            self.split(impactors.forces)[:, places] += (force + rubbed).T
+            total = (force + rubbed).sum(0)
+            after = v - lightness * dt * total if lightness else moves / dt
+            if len(self.inputs.impactor_values):
+                stored = 0.5 * stiffness * (np.maximum(depth, 0) ** 2).sum()
+                self.inputs.impactor_values[self.step, number] = [*x, *(v + after) / 2, *total, stored]
+            v[:] = after
+            x[:] = x + dt * after if lightness else path
+
+    def _work_of_pushes(self) -> None:
+        forces, stage = self.tables.impactors.forces, self.stage
+        if self.tables.work.size:
+            self.tables.work[0] += 0.5 * forces @ (stage.out - stage.base)
+        forces[:] = 0
 
     def _damp_new(self) -> None:
         stage, (nodes, _, after, leak) = self.stage, self.tables.damping
@@ -810,3 +858,38 @@ def _shares(
         else:
             falls = np.exp(-2 * (stretch - onset) / (final - onset))
         return np.asarray(np.fmax(onset / stretch * falls, 0))
+
+
+def depths(impactors: Impactors, number: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depths of points in an impactor where it starts, and the outward normals there."""
+    stack: list[tuple[np.ndarray, np.ndarray]] = []
+    for what, first, count in impactors.terms[impactors.starts[number] : impactors.starts[number + 1]]:
+        numbers, normal = impactors.numbers[first:], np.zeros(at.shape)
+        if what >= UNION:
+            (a, normal_a), (b, normal_b) = stack[-2:]
+            if what == DIFFERENCE:
+                b, normal_b = -b, -normal_b
+            second = (b > a) == (what == UNION)
+            stack[-2:] = [(np.where(second, b, a), np.where(second[:, None], normal_b, normal_a))]
+            continue
+        if what == ROUND:
+            arm = at[:, :count] - numbers[:count]
+            distance = np.linalg.norm(arm, axis=1)
+            normal[:, :count] = arm / distance[:, None]
+            depth = numbers[count] - distance
+        elif what == BOX:
+            faces = np.hstack([at[:, :count] - numbers[:count], numbers[count : 2 * count] - at[:, :count]])
+            nearest, depth = faces.argmin(1), faces.min(1)
+            normal[np.arange(len(at)), nearest % count] = np.where(nearest < count, -1.0, 1.0)
+        else:
+            corners = numbers[: 2 * count].reshape(-1, 2)
+            edges, arms = np.roll(corners, -1, 0) - corners, at[:, None, :2] - corners
+            share = np.clip((arms * edges).sum(2) / (edges**2).sum(1), 0, 1)
+            to = share[..., None] * edges - arms
+            distances = np.linalg.norm(to, axis=2)
+            nearest = distances.argmin(1)
+            sign = np.where(Polygon(corners).contains(at[:, :2]), 1.0, -1.0)
+            depth = sign * distances.min(1)
+            normal[:, :2] = to[np.arange(len(at)), nearest] / depth[:, None]
+        stack.append((depth, normal))
+    return stack[0]

@@ -185,6 +185,20 @@ def test_indentation():
     assert bonds[0] == 0 < bonds[1]
 
 
+def test_struck_plate():
+    """Cracks run at the angle that Kalthoff and Winkler measured, about 70 degrees, and the projectile does as much
+    work as it loses.
+    """
+    example = script("struck_plate")
+    sim, motion = example["struck"]("finite")
+    length, angle = example["grown"](sim)
+    assert length > 0.04
+    assert angle == pytest.approx(70, abs=4)
+    lost = example["MASS"] / 2 * (example["SPEED"] ** 2 - motion.data["velocity"][-1, 0, 0] ** 2)
+    assert sim.energies()["work"] == pytest.approx(lost, rel=2e-3)
+    assert abs(sim.balance()["lost"]) < 1e-9 * lost
+
+
 @pytest.mark.parametrize(("name", "until", "tips"), [("notch_blast", 16.0, 3.5), ("branching", 40.0, 8.0)])
 def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
     """On a lattice of twice the spacing, cracks grow beyond the notch as symmetrically as the set-up is, with an

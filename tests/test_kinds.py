@@ -238,6 +238,8 @@ RIGHT = {
     "CrackTips": {"every": 1, "most": 6, "name": "a"},
     "StressIntensity": {"tips": [(1.0, 0.0)], "radii": (1.0, 2.0), "every": 1, "name": "a"},
     "Reaction": {"region": None, "every": 1, "name": "a"},
+    "Impacts": {"every": 1, "name": "a"},
+    "Impactor": {"shape": DISC, "mass": 1.0, "velocity": [0.0, 0.0], "path": None, "friction": 0.0, "stiffness": None},
     "PowerThrough": {"surfaces": [("x", 0.1)], "frequencies": [0.1], "name": "a"},
     "Probes": {"lattice": LINE, "points": [0.0], "stride": 1},
     "Rectangle": {"corner": (0.0, 0.0, 0.0), "edge1": (1.0, 0.0, 0.0), "edge2": (0.0, 1.0, 0.0)},

@@ -175,6 +175,22 @@ def indentation(names: Names) -> Figure:
     return figure
 
 
+def struck_plate(names: Names) -> Figure:
+    """The cracks in both plates, and the velocity of the projectile."""
+    figure = Figure(figsize=(9.6, 4.6), layout="constrained")
+    *panels, course = figure.subplots(1, 3, width_ratios=(1, 1, 1.2))
+    for panel, name in zip(panels, names["SIDES"], strict=True):
+        sim, motion = names["struck"](name)
+        x, y = (axis / names["MM"] for axis in sim.lattice.coordinates())
+        panel.pcolormesh(x, y, sim.fields["damage"], cmap="magma_r", vmin=0, vmax=0.6, shading="nearest")
+        panel.set(aspect="equal", xlabel="x in mm", title=f"damage, {name}")
+        course.plot(motion.times / names["US"], motion.data["velocity"][:, 0, 0], label=name)
+    panels[0].set_ylabel("y in mm")
+    course.set(xlabel="time in µs", title="velocity of the projectile in m/s")
+    course.legend()
+    return figure
+
+
 def quenched_face(names: Names) -> Figure:
     """Cracks that run in from a cold face, at three times."""
     return names["drawn"]()

@@ -48,6 +48,7 @@ from farhorizon.inputs.conditions import Temperature as Temperature
 from farhorizon.inputs.cracks import Crack as Crack
 from farhorizon.inputs.expressions import Expression as Expression
 from farhorizon.inputs.expressions import function as function
+from farhorizon.inputs.impactors import Impactor as Impactor
 from farhorizon.inputs.incident_fields import IncidentField as IncidentField
 from farhorizon.inputs.incident_records import IncidentRecord as IncidentRecord
 from farhorizon.inputs.loads import BodyForce as BodyForce
@@ -101,6 +102,7 @@ from farhorizon.models import Wave as Wave
 from farhorizon.models import speed_of_current as speed_of_current
 from farhorizon.simulation.recorders.crack_tips import CrackTips as CrackTips
 from farhorizon.simulation.recorders.far_field import FarField as FarField
+from farhorizon.simulation.recorders.impacts import Impacts as Impacts
 from farhorizon.simulation.recorders.intensities import StressIntensity as StressIntensity
 from farhorizon.simulation.recorders.power_through import PowerThrough as PowerThrough
 from farhorizon.simulation.recorders.reaction_forces import Reaction as Reaction

@@ -108,7 +108,7 @@ WORST = {
     ),
     "a load without a type": (
         case(ELASTIC, more='[[load]]\nside = "y+"\nvalue = [0.0, 1.0]\n'),
-        r"load\[0\]\.type: the type is missing; limit: traction, body-force, pressure, thermal; "
+        r"load\[0\]\.type: the type is missing; limit: traction, body-force, impactor, pressure, thermal; "
         r"remedy: type = \"traction\"",
         "discriminator",
     ),

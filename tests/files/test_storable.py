@@ -21,6 +21,7 @@ APART = (
     fh.Spectra,
     fh.PowerThrough,
     fh.Reaction,
+    fh.Impacts,
     fh.ShellRecorder,
     fh.StressIntensity,
     fh.CrackTips,

@@ -136,6 +136,8 @@ def good():
         "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0)), "frequencies": [0.1]},
         "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
         "Reaction": {},
+        "Impactor": {"shape": fh.Disc(1.0, (0.0, 4.1)), "mass": 1.0, "velocity": (0.0, -0.1)},
+        "Impacts": {},
         "Receivers": {"points": [(0.1, 0.2)], "interpolation": "linear"},
         "Rectangle": {"corner": [0.0] * 3, "edge1": [1.0, 0.0, 0.0], "edge2": [0.0, 1.0, 0.0]},
         "Ricker": {"frequency": 0.1},
@@ -273,6 +275,10 @@ def call(job):
     elif name == "Reaction":
         held = [fh.Prescribed([[0.0, 0.0]], 1.0)]
         fh.Simulation(**{**setup, "constraints": held, "observe": [made]}).step(2)
+    elif name in ("Impactor", "Impacts"):
+        solid = {"model": fh.Elastic(fh.Kernel(1.0, 1), 1.0), "initial": {}, "boundary": fh.Free()}
+        ball = fh.Impactor(fh.Disc(1.0, (0.0, 9.0)), 1.0) if name == "Impacts" else made
+        fh.Simulation(**{**setup, **solid, "loads": [ball], "observe": [made] * (name == "Impacts")}).step(2)
     elif name == "CrackTips":
         breaking = {"model": fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.1), "initial": {}}
         fh.Simulation(**{**setup, **breaking, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)

@@ -176,6 +176,7 @@ class Engine:
     block_values: np.ndarray
     watch_stride: int
     held_forces: np.ndarray  # forces that held the prescribed nodes in each step, as in `Inputs`, if `forces_wanted`
+    impactor_values: np.ndarray  # what rigid shapes did in each step, likewise, if `impactors_recorded`
 
     def __init__(
         self,
@@ -248,6 +249,7 @@ class Engine:
         self.record_nodes(np.zeros(0, np.int64))
         self.watch_stride = 1
         self.held_forces, self.forces_wanted = np.zeros((0, 0)), False
+        self.impactor_values, self.impactors_recorded = np.zeros((0, 0, 0)), False
         self._call_cache = CallCache()
         self._compiled_loop = CompiledLoop()
         self._prepared: dict[tuple[Any, ...], _Prepared] = {}
@@ -504,6 +506,7 @@ class Engine:
         held_values: np.ndarray | None = None,
         dependent_fields: np.ndarray | None = None,
         dependent_times: np.ndarray | None = None,
+        impactor_paths: np.ndarray | None = None,
     ) -> None:
         """Run steps without returning to Python; sources, held and dependent values are those of `Inputs`. If the shape
         of one does not match the steps, this raises an IndexError in place of running the loop, which checks no bounds.
@@ -520,6 +523,12 @@ class Engine:
         if dependent_fields is not None and dependent_times is not None:
             times = np.ascontiguousarray(dependent_times)
             inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)
+        if impactor_paths is not None:
+            inputs = inputs._replace(impactor_paths=np.asarray(impactor_paths, float))
+            if self.impactors_recorded:
+                shapes, components = impactor_paths.shape[1:]
+                self.impactor_values = np.zeros((steps, shapes, 3 * components + 1))
+                inputs = inputs._replace(impactor_values=self.impactor_values)
         check_room(self.tables, inputs, steps)
         if self.exchange is not None:
             self.exchange.agree((steps,))
@@ -661,6 +670,8 @@ class CallCache:
                     held=held,
                     held_values=np.zeros((steps, len(held))),
                     held_forces=np.zeros((0, 0)),
+                    impactor_paths=np.zeros((0, 0, 0)),
+                    impactor_values=np.zeros((0, 0, 0)),
                     dependent_fields=np.zeros((0, len(tables.dependents.nodes)), times.dtype),
                     dependent_times=times,
                     recorded_nodes=recorded_nodes,

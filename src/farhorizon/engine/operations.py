@@ -22,6 +22,7 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import ExactEndTables
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
+from farhorizon.engine.impactors import Impactors
 from farhorizon.engine.layers import Layers, has_layers
 from farhorizon.engine.layout import HALOS, doubles, empty, ints, reals, with_defaults
 from farhorizon.engine.outline_stencil import OutlineStencil
@@ -77,6 +78,8 @@ RELEASE = 31  # bonds break whose energy exceeds their limit
 THERMAL_FORCES_BEYOND = 32  # as THERMAL_FORCES, but on all nodes, and also for bonds without a law of their own
 DAMPERS = 33  # masses of tuned dampers move
 KEEP_INCREMENTS = 34  # increments of the last step are stored for drag
+PUSH = 35  # rigid shapes push nodes, and move
+WORK_OF_PUSHES = 36  # the work of these pushes is accumulated
 
 # Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
 # through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
@@ -132,6 +135,7 @@ class Tables(NamedTuple):
     bonds: Bonds = empty(Bonds)
     phases: Phases = empty(Phases)
     heat: ThermalStrains = empty(ThermalStrains)
+    impactors: Impactors = empty(Impactors)
 
 
 class Asked(NamedTuple):
@@ -140,11 +144,17 @@ class Asked(NamedTuple):
     has_sources: bool
     held: bool
     recorded_nodes: bool
+    pushed: bool
 
 
 def asked_by(inputs: Inputs) -> Asked:
     """Return which inputs there are."""
-    return Asked(len(inputs.source_fields) > 0, inputs.held.size > 0, inputs.recorded_nodes.size > 0)
+    return Asked(
+        len(inputs.source_fields) > 0,
+        inputs.held.size > 0,
+        inputs.recorded_nodes.size > 0,
+        inputs.impactor_paths.size > 0,
+    )
 
 
 def operations_of(tables: Tables, asked: Asked) -> tuple[np.ndarray, np.ndarray]:
@@ -170,6 +180,7 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
         _present((DAMP_OLD, damped))
         + operator_operations(tables, melting=stage == 0)
         + _present((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
+        + _present((PUSH, asked.pushed))
         + _drag_operations(tables)
         + _present(
             (DAMP_NEW, damped),
@@ -177,6 +188,7 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
             (DAMPERS, last and tables.dampers.runs.size),
             (HOLD, asked.held),
             (WORK, asked.has_sources and tables.work.size),
+            (WORK_OF_PUSHES, asked.pushed),
             (FLOW_LAYERS, flows and tables.flows.inflow.size),
             (FLOW, flows and tables.flows.accounts.size),
             (DEPEND, tables.dependents.nodes.size),
@@ -379,12 +391,18 @@ def check_room(tables: Tables, inputs: Inputs, steps: int) -> None:
     stages, ends = len(tables.numbers), tables.ends
     clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0
     fields, dependent, held = inputs.source_fields, inputs.dependent_fields, len(inputs.held)
+    pushed = len(tables.impactors.state) if inputs.impactor_paths.size else 0
     for name, shape, least in (
         ("history", ends.history.shape[1:2], (clock,)),
         ("source_times", inputs.source_times.shape, (steps, stages, len(fields))),
         ("source_fields", fields.shape[1:], (len(inputs.source_nodes) if len(fields) else 0,)),
         ("held_values", inputs.held_values.shape, (steps if held else 0, held)),
         ("held_forces", inputs.held_forces.shape, (0, held if len(inputs.held_forces) else 0)),
+        (
+            "impactor_paths",
+            inputs.impactor_paths.shape,
+            (steps if pushed else 0, pushed, tables.components if pushed else 0),
+        ),
         ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(dependent))),
         ("dependent_fields", dependent.shape[1:], (len(tables.dependents.nodes),)),
     ):

@@ -29,6 +29,7 @@ from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
+from farhorizon.engine.impactors import add_work_of_pushes, push_nodes
 from farhorizon.engine.operations import (
     ADD_SOURCES,
     ADVANCE_STRAINS,
@@ -50,6 +51,7 @@ from farhorizon.engine.operations import (
     KEEP_INCREMENTS,
     MELT,
     OUTLINE,
+    PUSH,
     RECEIVE,
     RELEASE,
     SEND,
@@ -58,6 +60,7 @@ from farhorizon.engine.operations import (
     THERMAL_FORCES,
     THERMAL_FORCES_BEYOND,
     WORK,
+    WORK_OF_PUSHES,
 )
 from farhorizon.engine.outline_stencil import fill_outline
 from farhorizon.engine.phases import dissolve, find_runs, melt
@@ -361,6 +364,18 @@ def drag_nodes(thread, stage, sums, tables, inputs, step, number):
 def sum_work(thread, stage, sums, tables, inputs, step, number):
     """Add up the work of the sources."""
     add_work(thread, stage, tables.work, inputs, inputs.source_times[step, stage.part])
+
+
+@operation(PUSH)
+def push_with_shapes(thread, stage, sums, tables, inputs, step, number):
+    """Push the nodes in rigid shapes, and move these."""
+    push_nodes(thread, stage, sums.sweep.block, tables.mobility, tables.impactors, inputs, step)
+
+
+@operation(WORK_OF_PUSHES)
+def sum_work_of_pushes(thread, stage, sums, tables, inputs, step, number):
+    """Add up the work of rigid shapes on the nodes."""
+    add_work_of_pushes(thread, stage, sums.sweep.block, tables.impactors, tables.work)
 
 
 @operation(OUTLINE)

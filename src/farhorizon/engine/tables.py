@@ -169,6 +169,11 @@ class Inputs(NamedTuple):
     held_forces: np.ndarray
     dependent_fields: np.ndarray  # added to the values of `Dependents`, shape (M, n)
     dependent_times: np.ndarray  # amplitudes of these fields, shape (steps, stages, M)
+    # Displacements of the shapes with prescribed paths after each step, of those that move freely anything, and what is
+    # recorded of all of them before it: displacement, velocity, force that it exerts and energy of its contact, the
+    # latter two per mass of a node of the medium; shapes (steps, n, d) and (steps, n, 3 d + 1), or (0, 0, 0).
+    impactor_paths: np.ndarray
+    impactor_values: np.ndarray
     # Runs of neighbouring nodes whose values are copied to ``node_values[step]`` after each step, sorted: place of the
     # first in its component, its place in the level, its column, and their number; shape (W, 4).
     recorded_nodes: np.ndarray

@@ -151,6 +151,13 @@ def check_linear(setup: Setup, asked: Asked) -> None:
                 key=f"{key}.opens",
                 remedy="a crack that is open from the start",
             )
+    if setup.impactors:
+        raise InputError(
+            "contact with an impactor is not linear",
+            value=f"{len(setup.impactors)} impactors",
+            key=next(iter(setup.impactors)),
+            remedy="a load with the force that Impacts records",
+        )
     for key, one in zip(keys("constraint", setup.constraints), setup.constraints, strict=True):
         if not isinstance(one, Prescribed) or one.until is not None:
             raise InputError(

@@ -40,6 +40,7 @@ from farhorizon.simulation.sides.held_and_damped import check_conditions, hold_a
 from farhorizon.simulation.sides.layered_sides import LayeredSides, by_target, check_memory, undesigned, with_one_filter
 from farhorizon.simulation.sides.outline_condition import exact_ends_of, outline_condition
 from farhorizon.simulation.time.breaking import BreakableBonds
+from farhorizon.simulation.time.impacts import RigidShapes
 from farhorizon.simulation.time.of_field import field_source_terms
 from farhorizon.simulation.time.source_terms import (
     Arriving,
@@ -109,6 +110,7 @@ class RunParts:
     of_field: list[tuple[str, SourceTerm]]  # the latter, with their names
     whole: GlobalDomain  # on several processes, the parts given to recorders have that of all processes
     thermoelastic: frozenset[Key]  # sides beyond which a temperature continues with the displacements
+    impactors: RigidShapes | None  # rigid shapes that push nodes
 
     def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Return values at nodes of the whole lattice (flat indices), on all processes, each of which has the values of
@@ -239,8 +241,8 @@ def assembled(
     if setup.heat is not None and subdomain is None:
         thermoelastic = thermoelastic_sides(setup, sides, near.dt)
     everywhere = bool(
-        surveyed.waves or source_terms.unsplit or thermoelastic or setup.depends_on_field
-    )  # a hot spot may be anywhere
+        surveyed.waves or source_terms.unsplit or thermoelastic or setup.depends_on_field or setup.impactors
+    )  # a hot spot may be anywhere, and a contact
     emitters = Emitters(near, sides, start, tuple(active_terms), everywhere, partial(heat_front, setup, thermoelastic))
     layered = surveyed.layered
     if any(side.extended for side in sides.values()):
@@ -286,6 +288,9 @@ def assembled(
     active_terms += [(None, lambda t, wave=wave: wave.source(t) / setup.model.source_factor) for wave in incident]
     terms_of_field = field_source_terms(setup, near, sides, grid, team) if setup.depends_on_field else []
     active_terms += [source_term for _, source_term in terms_of_field]
+    impactors = RigidShapes(setup.impactors, near, sides, grid, start.u) if setup.impactors else None
+    if impactors is not None:
+        exterior.notes.extend(impactors.notes)
     return RunParts(
         near,
         layered,
@@ -306,6 +311,7 @@ def assembled(
         terms_of_field,
         GlobalDomain(near, layered.sides),
         thermoelastic,
+        impactors,
     )
 
 

@@ -80,8 +80,9 @@ class Simulation(Run):
         then those of the box, and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
     topology : sequence of int, optional
         Number of boxes along each axis; by default the division that requires the least communication.
-    loads : sequence of BodyForce, Traction, Pressure and ThermalLoad
-        Forces per volume in an `Elastic` medium, or per area on its free sides, cracks and holes; heat that strains it.
+    loads : sequence of BodyForce, Traction, Pressure, Impactor and ThermalLoad
+        Forces per volume in an `Elastic` medium, or per area on its free sides, cracks and holes; rigid shapes that
+        push its nodes; heat that strains it.
     cracks : sequence
         Cuts, the points of polylines (2D) or polygons (3D), or positions (1D); use `Crack` for a cut that weakens bonds
         without severing them, or that opens later.
@@ -363,6 +364,8 @@ class Simulation(Run):
             if self.parts.phases is not None and self.setup.specimens and not self.cautions:
                 if (warning := self.parts.phases.warning(self.team.largest(self.parts.phases.most))) is not None:
                     warn_once(self, "supersaturated", warning)
+            if self.parts.impactors is not None and (warning := self.parts.impactors.warning()) is not None:
+                warn_once(self, "impactor at a side", warning)
             if time_loop.every:
                 check_margin(self, time_loop.margin, time_loop.every, self.engine.current)
 

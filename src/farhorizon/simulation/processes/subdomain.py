@@ -188,6 +188,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
             "load",
             setup.heat is not None and setup.heat.coupled,
         ),
+        ("impactors, whose forces come from nodes of all processes,", "load", bool(setup.impactors)),
         ("sponges beside media that vary", "boundary", varies(setup) and damped),
     ]
     for what, key, given in refused:

@@ -29,6 +29,7 @@ class RecordRequest(NamedTuple):
     stop: bool = False  # the loop returns after such steps, so that the recorder can examine the run
     heat: bool = False  # the thermal strain as well, summed over the first of the blocks
     held: tuple[np.ndarray, ...] = ()  # groups of nodes, likewise, whose constraint forces are needed
+    impactors: int = 0  # their number, if what they do is needed
 
 
 class StepValues(NamedTuple):
@@ -40,7 +41,7 @@ class StepValues(NamedTuple):
     # each of shape (steps, n, components); those of the thermal strain, the same for all components, come last
     blocks: tuple[np.ndarray, ...]
     # sums of the forces, per unit mass of a node of the medium, that held each group in a step: those at the time
-    # before it; shape (steps, groups, components)
+    # before it; shape (steps, groups, components). Of impactors, instead, the rows of `Inputs.impactor_values`.
     forces: np.ndarray = np.zeros((0, 0, 0))
 
 

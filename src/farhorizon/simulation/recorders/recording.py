@@ -189,6 +189,7 @@ class Recording:
         self._kept = engine.components * count  # how many numbers per step, over all processes
         engine.watch_stride = math.gcd(*(asked.every for asked in requests), int(self._probed.size > 0)) or 1
         engine.forces_wanted = any(asked.held for asked in requests)
+        engine.impactors_recorded = any(asked.impactors for asked in requests)
 
     def _part_of(self, recorder: Recorder, request: RecordRequest) -> _Served:
         lattice = self._near.lattice
@@ -224,6 +225,8 @@ class Recording:
             nodes, weights = blocks.entries()
             block_values.append(np.einsum("rnkc,nk->rnc", values[:, nodes], weights))
         none = np.zeros((0, len(served.request.held), engine.components))
+        if served.request.impactors:
+            none = np.zeros((0, served.request.impactors, 3 * engine.components + 1))
         return self._of_all(served, values[:, served.nodes], block_values)._replace(forces=none)
 
     def _of_all(self, served: _Served, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> StepValues:
@@ -280,7 +283,11 @@ class Recording:
                 block_values.append(_by_component(engine.block_values[:, row:last], engine.components))
                 row = last
             values, held = self._of_all(served, nodes, block_values), served.request.held
-            served.recorder.add(step, values._replace(forces=self._forces(step, held)) if held else values)
+            if held:
+                values = values._replace(forces=self._forces(step, held))
+            elif served.request.impactors:
+                values = values._replace(forces=engine.impactor_values)
+            served.recorder.add(step, values)
 
     def _forces(self, step: int, groups: Sequence[np.ndarray]) -> np.ndarray:
         """Return the sums over groups of nodes of the forces that held them in the last steps, from number `step` on;

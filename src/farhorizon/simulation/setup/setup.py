@@ -17,6 +17,7 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.cracks import as_crack
 from farhorizon.inputs.expressions import as_given
+from farhorizon.inputs.impactors import Impactor
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce, Load, Traction
 from farhorizon.inputs.local_sources import LocalSource
@@ -185,9 +186,11 @@ constraints, balance, specimens, loads
         loads: list[Load] = []
         for i, load in enumerate(self.loads):
             remedy = "sources=[...]" if isinstance(load, Source | LocalSource | Incident) else ""
-            words = "a BodyForce, Traction, Pressure or ThermalLoad"
+            words = "a BodyForce, Traction, Pressure, Impactor or ThermalLoad"
             known = kinds.instance(load, f"load[{i}]", Load, words, remedy).resolved(lattice)
-            loads.append(kinds.instance(known, f"load[{i}]", (BodyForce, Traction, Pressure, ThermalLoad), words))
+            loads.append(
+                kinds.instance(known, f"load[{i}]", (BodyForce, Traction, Pressure, Impactor, ThermalLoad), words)
+            )
         if loads:
             kinds.set_fields(self, loads=tuple(loads))
             self._resolve_heat()
@@ -248,6 +251,11 @@ constraints, balance, specimens, loads
     def heat(self) -> ThermalLoad | None:
         """The thermal load of the solid; None if there is none."""
         return next((load for load in self.loads if isinstance(load, ThermalLoad)), None)
+
+    @property
+    def impactors(self) -> dict[str, Impactor]:
+        """The impactors among the loads, by their names in messages."""
+        return {f"load[{i}]": load for i, load in enumerate(self.loads) if isinstance(load, Impactor)}
 
     @property
     def sides(self) -> Sides:

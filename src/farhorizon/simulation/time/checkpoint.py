@@ -69,6 +69,8 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
         facts["strength"] = float(near.variation.strength.sum())
     if near.prescribed.constraints:
         facts["constraints"] = len(near.prescribed.constraints)
+    if parts.impactors is not None:
+        facts["impactors"] = parts.impactors.mark()
     if dissolution is not None:
         facts |= {"solid": int(parts.start.solid.sum()), "saturation": dissolution.saturation}
         facts |= {"interface": dissolution.interface} | ({"limited": True} if dissolution.limited else {})
@@ -125,6 +127,8 @@ def whole_of(parts: RunParts) -> tuple[Arrays, dict[str, Any]]:
         arrays["fringe"] = engine.outline_history
     if engine.tables.stretches.memory.size:
         arrays["stretches"] = engine.tables.stretches.memory
+    if parts.impactors is not None:
+        arrays["impactors"] = parts.impactors.state
     return arrays, meta
 
 
@@ -137,5 +141,7 @@ def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[
         engine.outline_history[...] = arrays["fringe"]
     if engine.tables.stretches.memory.size:
         engine.tables.stretches.memory[...] = arrays["stretches"]
+    if parts.impactors is not None:
+        parts.impactors.state[...] = arrays["impactors"]
     for name, sums in parts_of_sums(engine).items():
         sums[...] = arrays[f"sums/{name}"]

@@ -13,6 +13,7 @@ from farhorizon.inputs.sources import steady
 from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
+from farhorizon.simulation.time.impacts import RigidShapes
 from farhorizon.simulation.time.source_terms import SourceTerm
 
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
@@ -41,8 +42,10 @@ class SourceTable:
         source_terms: Sequence[SourceTerm],
         phases: SolidAndLiquid | None,
         scale: float,
+        shapes: RigidShapes | None = None,
     ) -> None:
         self.near, self.grid, self.source_terms, self.phases = near, grid, list(source_terms), phases
+        self.shapes = shapes
         self.scale = scale  # largest value that the initial data and all that has driven the run so far explain
         self._nodes = grid.indices if self.source_terms else np.zeros(0, np.int64)
         self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
@@ -74,7 +77,14 @@ class SourceTable:
         dtype, stages, held = engine.dtype, len(engine.stages.numbers), near.conditions
         if not self.source_terms and not held.nodes.size:
             nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
-            engine.advance(steps, np.zeros(0, np.int64), nothing, still, self._prescribed(step, steps))
+            engine.advance(
+                steps,
+                np.zeros(0, np.int64),
+                nothing,
+                still,
+                self._prescribed(step, steps),
+                impactor_paths=self._paths(step, steps),
+            )
             self._grow(steps)
             yield Batch(steps, np.zeros(0, np.int64), nothing, still)
             return
@@ -105,6 +115,7 @@ class SourceTable:
                 self._prescribed(step, n),
                 values.astype(dtype),
                 times.astype(dtype),
+                self._paths(step, n),
             )
             explained = _largest(strength, amplitudes) * n * near.dt
             self.scale += explained * ((step + n) * near.dt if near.model.order == 2 else 1.0)
@@ -124,6 +135,14 @@ class SourceTable:
         values = self.near.prescribed.table(step, steps)
         self.scale = max(self.scale, float(np.abs(values).max(initial=0)))
         return values
+
+    def _paths(self, step: int, steps: int) -> np.ndarray | None:
+        """Return the prescribed displacements of impactors after each of the next steps; None without impactors."""
+        if self.shapes is None:
+            return None
+        paths = self.shapes.paths(step, steps)
+        self.scale = max(self.scale, self.shapes.reaches(step, paths))
+        return paths
 
     def _strengths(self, step: int, samples: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Return where in the field sources act in the next steps, shape (n,), and the strength of each there, shape

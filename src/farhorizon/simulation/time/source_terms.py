@@ -13,6 +13,7 @@ from farhorizon import kinds
 from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.impactors import Impactor
 from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
 from farhorizon.inputs.loads import Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
@@ -134,7 +135,8 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
     loads = [
         (f"load[{i}]", _of_load(load, setup, near, sides, f"load[{i}]"))
         for i, load in enumerate(setup.loads)
-        if not isinstance(load, ThermalLoad)  # no force: see `farhorizon.simulation.heat.thermal_strains`
+        # no force, see `farhorizon.simulation.heat.thermal_strains`, or one that depends on the field
+        if not isinstance(load, ThermalLoad | Impactor)
     ]
     return sources + loads
 

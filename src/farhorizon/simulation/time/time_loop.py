@@ -56,7 +56,9 @@ class TimeLoop:
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
         self._begun = with_incident_waves(start, parts.incident) if parts.incident else start
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.source_table = SourceTable(near, grid, parts.active_terms, parts.phases, max([*largest, _TINY, *held]))
+        self.source_table = SourceTable(
+            near, grid, parts.active_terms, parts.phases, max([*largest, _TINY, *held]), parts.impactors
+        )
         self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
@@ -149,10 +151,11 @@ class TimeLoop:
         return self.parts.near.slow_crossing
 
     def kinetic(self) -> float | None:
-        """Return the kinetic energy of the near field; None for diffusion."""
+        """Return the kinetic energy of the near field and of its impactors; None for diffusion."""
         if self.parts.near.model.order == 1:
             return None
-        return self.team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
+        kinetic = self.team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
+        return kinetic + (0.0 if self.parts.impactors is None else self.parts.impactors.kinetic())
 
     def change(self, step: int) -> float | None:
         """Return the largest change of the near field per step since this was called before; None the first time."""
@@ -166,12 +169,13 @@ class TimeLoop:
 
     def loading_at(self, t: float) -> list[np.ndarray]:
         """Return all that drives the run at a time: amplitudes of sources and conditions that split into space and
-        time, values of others, values of prescribed nodes, and which cracks are open.
+        time, values of others, values of prescribed nodes, paths of impactors, and which cracks are open.
         """
         near = self.parts.near
         source_terms = [*self.source_table.source_terms, *near.conditions.source_terms]
         opened = np.array([crack.opens <= t for crack in self.setup.cracks], float)
-        return [*(np.asarray(time(t), float) for _, time in source_terms), *near.prescribed.now(t), opened]
+        paths = [] if self.parts.impactors is None else self.parts.impactors.loading_at(t)
+        return [*(np.asarray(time(t), float) for _, time in source_terms), *near.prescribed.now(t), *paths, opened]
 
     def fields(self) -> dict[str, np.ndarray]:
         """Return copies of the fields in the near field by name, see `farhorizon.Simulation`."""
