@@ -303,6 +303,29 @@ def test_the_remainder_of_states_falls_as_the_square(case, material, number):
     check_solid(SIDES_OF_STATES[case](rng, **given), name, rng)
 
 
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("name", ["young", "u", "source"])
+@pytest.mark.parametrize("shape_tensor", ["recomputed", "published", "kept"])
+def test_the_remainder_with_shape_tensors_of_cut_bonds_falls_as_the_square(shape_tensor, name):
+    rng = drawn(f"{shape_tensor} {name}")
+    setup = solid(rng, {"x": fh.Free(), "y": fh.Fixed()}, [[(-2.2, -4.0), (3.3, 2.0)]], body=HOLE)
+    young = smooth(rng, setup.lattice)
+    model = fh.Correspondence(fh.Kernel(2.0), young, 0.2, shape_tensor=shape_tensor, stabilisation=0.1)
+    check_solid(replace(setup, model=model), name, rng)
+
+
+@pytest.mark.parametrize("name", ["u", "v"])
+def test_the_remainder_of_beams_falls_as_the_square(name):
+    rng = drawn(f"beam {name}")
+    lattice = fh.Lattice(0.3, -6.0, 6.0)
+    bell = np.exp(-4 * lattice.axes[0] ** 2)
+    setup = fh.Setup(lattice, fh.Beam(), fh.Fixed(), {"u": bell, "v": 0.3 * bell})
+    setup = replace(setup, dt=fh.Simulation.of(setup).dt)
+    data = 0.05 * rng.standard_normal((STEPS + 1, 2))
+    line = fh.Receivers([2.0, -1.3], interpolation="linear")
+    check_taylor(setup, fh.LeastSquares(line, data), name, STEPS * setup.dt, rng)
+
+
 def test_layers_of_correspondence_materials_are_reciprocal_up_to_their_filter():
     """They damp zero-energy modes by a filter of both levels, which is not symmetric; what passes it is small."""
     rng = drawn("correspondence layers")
