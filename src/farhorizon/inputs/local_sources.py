@@ -393,7 +393,7 @@ class MomentTensor(LocalSource):
     def _force(
         self, lattice: Lattice, key: str, moving: int | None = None, tensor: np.ndarray | None = None
     ) -> np.ndarray:
-        """Its force on the nodes, or the change of that per length along an axis; its tensor unless another is given."""
+        """Its force on the nodes, or the change of that per length along an axis, for its tensor or another one."""
         tensor = self.tensor(lattice.dim) if tensor is None else tensor
         points = as_points([self.at], lattice.dim, f"{key}.at")
         force = np.zeros((lattice.dim, *lattice.shape))

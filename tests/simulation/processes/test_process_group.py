@@ -120,6 +120,17 @@ def check_refused(lines):
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
+@pytest.mark.parametrize("processes", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_gradients_are_those_of_one_process(tmp_path, processes):
+    """To rounding, and the same to the last bit on all processes."""
+    *lines, refused = told(tmp_path, processes, "few", "gradients")
+    assert len(lines) == 10
+    for line in lines:
+        assert line["same"], line
+        assert max(line["off"].values()) < 1e-12, line
+    assert len(set(refused["tiny"])) == 1 and "1 nodes" in refused["tiny"][0], refused
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), (4, "slow")])
 def test_files_are_those_of_one_process(tmp_path, processes, size):

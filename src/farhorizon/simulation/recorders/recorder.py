@@ -299,8 +299,11 @@ Observer = Callable[[Any], None] | Recorder
 
 
 def recorders_given(observe: Any) -> tuple[Any, ...]:
-    """Return the class of each recorder among some observers, with the arguments that it was given."""
-    recorders = [given for given in observe if isinstance(given, Recorder)] if isinstance(observe, Iterable) else []
+    """Return the class of each recorder among some observers, with the arguments that it was given; those that no user
+    gives may differ between processes.
+    """
+    known = set(Recorder.known.values())
+    recorders = [given for given in observe if type(given) in known] if isinstance(observe, Iterable) else []
     return tuple(
         (type(recorder), {name: getattr(recorder, name, None) for name in inspect.signature(type(recorder)).parameters})
         for recorder in recorders
