@@ -120,11 +120,13 @@ def check_refused(lines):
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
-@pytest.mark.parametrize("processes", [2, pytest.param(4, marks=pytest.mark.slow)])
-def test_gradients_are_those_of_one_process(tmp_path, processes):
+@pytest.mark.parametrize(
+    ("processes", "size"), [(2, "few"), *(pytest.param(n, "all", marks=pytest.mark.slow) for n in (2, 4))]
+)
+def test_gradients_are_those_of_one_process(tmp_path, processes, size):
     """To rounding, and the same to the last bit on all processes."""
-    *lines, refused = told(tmp_path, processes, "few", "gradients")
-    assert len(lines) == 10
+    *lines, refused = told(tmp_path, processes, size, "gradients")
+    assert len(lines) == {"few": 4, "all": 12}[size]
     for line in lines:
         assert line["same"], line
         assert max(line["off"].values()) < 1e-12, line
