@@ -38,8 +38,8 @@ class Gradient(Mapping[str, np.ndarray]):
     misfit : float
     derivatives : dict of str to ndarray
         By a constant of the medium, or initial data: of the shape of the lattice or field, zero outside the region. By
-        "source" or "source[i]": by the factor of time of the source at each step, shape (steps,). By "source.at",
-        "source.strength", "source.force" or "source.moment": of the shape of this parameter.
+        "source" or "source[i]": by the factor of time of the source at each step, shape (steps,). By a parameter of a
+        source, such as "source.at": of the shape of this parameter.
     records : list of dict of str to ndarray
         For each misfit, the records of the run.
     setup : Setup
@@ -98,7 +98,7 @@ def gradient(
         values at every node; initial data, "u" and "v"; "source" or "source[i]", by the factor of time of a source;
         "source.at" (or "source[i].at"), by the place of a source at a point, and "source.strength", "source.force",
         "source.moment", as these are given: for a symmetric tensor, the sum over all entries of derivative times change
-        is that of the misfit.
+        is that of the misfit; "source.strike", "source.dip" and "source.rake" of a double couple, per degree.
     until : float
         End of the run.
     region : Shape or ndarray of bool, optional
@@ -120,7 +120,8 @@ def gradient(
     ------
     InputError
         A run that is not linear or sides that are not reciprocal; constants that the model lacks; a region within one
-        reach of sides that absorb; data of another length than the records. All before any step.
+        reach of sides that absorb; data of another length than the records; fewer nodes in the region than processes.
+        All before any step.
 
     Notes
     -----
