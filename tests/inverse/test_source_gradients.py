@@ -106,8 +106,9 @@ def test_the_remainder_falls_as_the_square(name, parameter):
     assert clear.sum() >= 3
     order = np.polyfit(np.log(sizes[clear][-4:]), np.log(remainders[clear][-4:]), 1)[0]
     assert abs(order - 2) < 0.1
-    # a quarter of a spacing moves no place past a node
-    assert abs(extrapolated(at, 0.25) - slope) < 1e-8 * abs(slope)
+    # a quarter of a spacing moves no place past a node; the smallest differences lose digits of the misfit
+    rounding = 1e-14 * found.misfit / (0.25 / 16)
+    assert abs(extrapolated(at, 0.25) - slope) < 1e-8 * abs(slope) + rounding
 
 
 def test_a_double_couple_in_space():
@@ -136,11 +137,11 @@ def test_a_double_couple_in_space():
 
     for name in ("moment", "strike", "dip", "rake"):
         value = getattr(quake, name)
-        slope = extrapolated(lambda size, name=name, value=value: at(**{name: value * (1 + size)}) / value, 0.05)
+        slope = extrapolated(lambda size, name=name, value=value: at(**{name: value * (1 + size)}) / value, 0.05, 3)
         assert abs(slope - found[f"source[1].{name}"]) < 1e-8 * abs(slope), name
     for axis, slope in enumerate(found["source[1].at"]):
         along = np.eye(3)[axis]
-        difference = extrapolated(lambda size, along=along: at(at=np.array(quake.at) + size * along), 0.09)
+        difference = extrapolated(lambda size, along=along: at(at=np.array(quake.at) + size * along), 0.09, 3)
         assert abs(difference - slope) < 1e-8 * np.abs(found["source[1].at"]).max()
 
 

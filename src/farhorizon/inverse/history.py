@@ -30,7 +30,7 @@ class PatchRecorder(Recorder, offered=False):
     """
 
     name = "patch"
-    shared = True
+    shared = unlike = True
 
     def __init__(self, patch: Patch, nodes: np.ndarray | None = None, of_all: np.ndarray | None = None) -> None:
         self.notes = []
