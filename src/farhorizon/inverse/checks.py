@@ -12,7 +12,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import nodes_in
 from farhorizon.geometry.shapes import Shape
-from farhorizon.inputs.local_sources import LineSource, MomentTensor, PointForce, PointSource
+from farhorizon.inputs.local_sources import ANGLES, LineSource, MomentTensor, PointForce, PointSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.sources import Source
 from farhorizon.inverse.misfits import Misfit
@@ -27,7 +27,7 @@ _INITIAL = ("u", "v")
 _PARAMETERS: dict[type, tuple[str, ...]] = {
     PointSource: ("at", "strength"),
     PointForce: ("at", "force"),
-    MomentTensor: ("at", "moment"),
+    MomentTensor: ("at", "moment", *ANGLES),
     LineSource: ("strength",),
 }
 
@@ -87,7 +87,9 @@ def source_slopes(sim: Simulation, name: str) -> SourceSlopes:
     source = dict(zip(keys("source", sim.setup.sources), sim.setup.sources, strict=True))[key]
     lattice, components = near.lattice, near.stencil.components
     value = np.asarray(getattr(source, parameter), float)
-    if parameter == "at":
+    if parameter in ANGLES:
+        sources = [Source(source.turned(lattice, key, parameter), source.time)]
+    elif parameter == "at":
         fields = [source.moved(lattice, components, key, axis) for axis in range(lattice.dim)]
         sources = [Source(field, source.time) for field in fields]
     else:  # linear: the derivative by an entry is the source of a unit
@@ -116,6 +118,7 @@ def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
         f"{key}.{name}"
         for key, source in zip(sources, setup.sources, strict=True)
         for name in _PARAMETERS.get(type(source), ())
+        if getattr(source, name) is not None
     ]
     known = [*setup.model.wave_constants, *initial, *sources, *parameters]
     for name in names:
@@ -200,6 +203,15 @@ def _check_model(setup: Setup) -> None:
                 key="load" if name == "warm" else f"model.{name}",
                 remedy="leave it out: small waves do not break bonds",
             )
+    if model.drag:
+        raise InputError(
+            "drag is no force: it moves nodes towards the mean of neighbours that are there, heavy or light, "
+            "so that the run is not reciprocal",
+            value=model.drag,
+            limit=0.0,
+            key="model.drag",
+            remedy="damping, or a Sponge",
+        )
     follows = [f"model.{name}" for name in model.follows]
     named = zip(keys("source", setup.sources), setup.sources, strict=True)
     for key in [*follows, *(key for key, source in named if isinstance(source, OfField))]:
