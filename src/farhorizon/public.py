@@ -51,6 +51,7 @@ from farhorizon.inputs.expressions import function as function
 from farhorizon.inputs.impactors import Impactor as Impactor
 from farhorizon.inputs.incident_fields import IncidentField as IncidentField
 from farhorizon.inputs.incident_records import IncidentRecord as IncidentRecord
+from farhorizon.inputs.load_steps import LoadSteps as LoadSteps
 from farhorizon.inputs.loads import BodyForce as BodyForce
 from farhorizon.inputs.loads import Load as Load
 from farhorizon.inputs.loads import Traction as Traction

@@ -134,6 +134,8 @@ class Case:
     def to_rest(self) -> dict[str, float]:
         """Arguments of `Run.run` for a run to its static state."""
         run = self.parts.run
+        if run.load_steps is not None:
+            return {}
         return {name: value for name in ("tolerance", "limit") if (value := getattr(run, name)) is not None}
 
     def every(self, dt: float) -> float:
@@ -162,8 +164,15 @@ class Case:
         return self._whole_steps(default)
 
     @property
-    def _given_step(self) -> float | Callable[[float], float]:
-        return self._step if self.parts.run.dt is None else self.parts.run.dt
+    def _given_step(self) -> float | Callable[[float], float] | fh.LoadSteps:
+        run = self.parts.run
+        if run.load_steps is not None:
+            tolerance = {} if run.tolerance is None else {"tolerance": run.tolerance}
+            try:
+                return fh.LoadSteps(self.end / run.load_steps, **tolerance)
+            except InputError as error:
+                raise error.at("run.tolerance") from None
+        return self._step if run.dt is None else run.dt
 
     def schedule(self, dt: float) -> str:
         """When outputs and probes are recorded, in words."""
@@ -291,6 +300,19 @@ class Case:
                 remedy='temperature = "K"; numbers may still be given as "20 degC"',
             )
 
+    def _check_load_steps(self) -> None:
+        run = self.parts.run
+        if run.load_steps < 1:
+            raise InputError("a run has at least one load step", value=run.load_steps, limit=1, key="run.load_steps")
+        for name, given in {"until": run.until if run.until == STATIC else None, "limit": run.limit, "dt": run.dt}.items():
+            if given is not None:
+                raise InputError(
+                    "load steps divide the time until a given end",
+                    value=given,
+                    key=f"run.{name}",
+                    remedy="a number" if name == "until" else "leave it out",
+                )
+
     def _check_times(self) -> None:
         out, run = self.parts.output, self.parts.run
         checked_topology(run.topology)
@@ -300,6 +322,8 @@ class Case:
                 key="run.limit",
                 remedy="some tens of the time in which the slowest wave crosses the near field",
             )
+        if run.load_steps is not None:
+            self._check_load_steps()
         for name, given in self.to_rest.items() if run.until != STATIC else ():
             raise InputError(
                 "only a run to the static state has one", value=given, key=f"run.{name}", remedy='until = "static"'

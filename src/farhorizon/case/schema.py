@@ -216,9 +216,12 @@ class RunPart(Part):
     until: Annotated[Number | Literal["static"], Unit("s")]
     """End of the run; "static": when the field has come to rest."""
     tolerance: Number | None = None
-    """With until = "static": fraction of their largest value below which velocities must fall; 1e-3 unless given."""
+    """With until = "static": fraction of their largest value below which velocities must fall; 1e-3 unless given. With
+    load_steps: fraction of their size by which displacements may still change; 1e-6 unless given."""
     limit: Annotated[Number | None, Unit("s")] = None
     """With until = "static", where it is required: the latest end, for which layers are chosen."""
+    load_steps: Whole | None = None
+    """Number of load steps until the end: quasi-static loading of a solid, each step of which ends in equilibrium."""
     dt: Annotated[Number | None, Unit("s")] = None
     """Time step; unless given, at most half of the largest stable one."""
     dtype: str = "float64"

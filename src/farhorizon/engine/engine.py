@@ -425,6 +425,11 @@ class Engine:
         rotation = self.tables.rotation[self.phase, 0]
         return self.levels[rotation[2 if self.stages.increments else 1]]
 
+    @property
+    def last_levels(self) -> list[np.ndarray]:
+        """The present level and the two before it, of velocity Verlet whose older level outlives a step."""
+        return [self.levels[level] for level in self.tables.rotation[self.phase, 0]]
+
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
         """Indices in a level of all components of nodes, component by component, from those of the first component."""
         return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()

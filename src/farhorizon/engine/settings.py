@@ -13,7 +13,7 @@ from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
-from farhorizon.engine.field import damping_of
+from farhorizon.engine.field import damping_of, numbers_of
 from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import aligned_zeros
@@ -69,6 +69,15 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
         engine.replace(filter=without(engine.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
     factors = (factor.astype(engine.dtype) for factor in (before, after, leak))
     engine.replace(damping=Damping(nodes.astype(np.int64), *factors))
+
+
+def damp_increments(engine: Engine, factor: float) -> None:
+    """Multiply the previous increment of velocity Verlet by a factor in each step from now on, of an engine made without
+    damping whose older level outlives a step.
+    """
+    _, _, scale, source_scale = engine.stages.numbers[0]
+    numbers = [numbers_of(engine, 1 + factor, -factor, scale, source_scale)]
+    engine.replace(numbers=np.array(numbers).astype(engine.dtype))
 
 
 def set_thermal_strain(engine: Engine, spacing: float) -> None:

@@ -14,6 +14,7 @@ from farhorizon.engine.settings import set_drag
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
@@ -31,6 +32,7 @@ from farhorizon.simulation.setup.compatibility import (
 from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_field
+from farhorizon.simulation.setup.quasi_static import check_load_steps, check_loads, with_fictitious_masses
 from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
@@ -167,6 +169,10 @@ def survey(
         check_variation(sides, variation, stencil)
     if any(side.derivatives for side in sides.values()):
         check_entrances(given_setup, sides, stencil)
+    if isinstance(setup.dt, LoadSteps):
+        check_load_steps(setup, sides, bool(team))
+        in_time = near_field(replace(setup, dt=None), sides, stencil, variation, coefficient, stiffer)
+        setup = replace(setup, model=with_fictitious_masses(setup.model, in_time.dt, setup.dt))
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     waves, sources = [], []
     if setup.sources or setup.loads or setup.constraints:
@@ -236,6 +242,8 @@ def assembled(
     if setup.cracks:
         exterior.check_cracks(_cuts(setup), near.stencil.reach)
     source_terms = split_source_terms(surveyed.sources, near, exterior) if surveyed.sources else SourceTerms([], [])
+    if isinstance(setup.dt, LoadSteps):
+        check_loads(setup, source_terms.unsplit)
     active_terms = source_terms.sources + [source_term for _, source_term in near.conditions.sources]
     thermoelastic = frozenset[Key]()
     if setup.heat is not None and subdomain is None:

@@ -14,12 +14,13 @@ from farhorizon import kinds
 from farhorizon.analysis.extent import Extent
 from farhorizon.analysis.layers.thickness import Thickness
 from farhorizon.boundaries import ExactEnds, Side
-from farhorizon.checks.certificate import BUDGET, Certificate, certify
+from farhorizon.checks.certificate import BUDGET, CERTIFIED, Certificate, certify
 from farhorizon.checks.report import Report
 from farhorizon.errors import InputError
 from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.loads import Load
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.specimens import Specimen
@@ -105,8 +106,10 @@ class Simulation(Run):
         Uniform state of the infinite medium.
     observe : sequence of callable and Receivers
         Functions that `run` calls with the run at regular intervals, and recorders, which record every step.
-    dt : float or callable, optional
+    dt : float, callable or LoadSteps, optional
         Time step; by default half the stability limit. A function of this default, such as `WholeSteps`, returns it.
+        Runs whose fields are to be subtracted need the same: ``dt=other.dt``, in case files ``dt`` with this number.
+        `LoadSteps` replaces time steps by states of equilibrium.
     dtype : {"float64", "float32"}
     threads : int, optional
         Number of threads; all that the machine offers unless given. Small lattices use one.
@@ -161,7 +164,7 @@ class Simulation(Run):
         coefficient: Any = None,
         background: float = 0.0,
         observe: Sequence[Observer] = (),
-        dt: float | Callable[[float], float] | None = None,
+        dt: float | Callable[[float], float] | LoadSteps | None = None,
         dtype: str = "float64",
         threads: int | None = None,
         rule: str | None = None,
@@ -228,6 +231,8 @@ class Simulation(Run):
         if layered.extents:
             sides = resolved_sides(layered)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
+        if isinstance(setup.dt, LoadSteps):
+            self.settled = replace(self.settled, dt=setup.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # end of the run, as far as it is known
@@ -366,6 +371,8 @@ class Simulation(Run):
                     warn_once(self, "supersaturated", warning)
             if self.parts.impactors is not None and (warning := self.parts.impactors.warning()) is not None:
                 warn_once(self, "impactor at a side", warning)
+            if time_loop.relaxation is not None and (warning := time_loop.relaxation.warning()) is not None:
+                warn_once(self, "not in equilibrium", warning)
             if time_loop.every:
                 check_margin(self, time_loop.margin, time_loop.every, self.engine.current)
 
@@ -558,6 +565,8 @@ class Simulation(Run):
             Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """
         self.team.alone("certificates")
+        if isinstance(self.setup.dt, LoadSteps):
+            return Certificate(CERTIFIED, "load steps are damped", rate=0.0)
         if self._chooses:
             self._select_sides_alone()
         return certify(self, budget, until)

@@ -197,6 +197,7 @@ class RowRecorder(LinearRecorder, offered=False):
     points: np.ndarray  # shape (n, dim)
     every = 1  # steps from one row to the next
     before = after = 0  # how many steps before and after its own a row needs
+    resting = False  # rows are states of equilibrium, which the steps before and after have, too
     unbroken = False  # there is a row for every step: the first step then determines all of them
     _last_key = "last"  # name of the last values in the state
 
@@ -245,6 +246,13 @@ class RowRecorder(LinearRecorder, offered=False):
         self.keep(step + self.after, values[1 + self.after :], forces)
 
     def keep(self, step: int, values: np.ndarray, forces: np.ndarray) -> None:
+        if self.resting:
+            steps = np.arange(step, step + len(values))
+            kept = slice(-step % self.every, None, self.every)
+            if len(steps[kept]):
+                alike = (values[kept],) * (1 + self.before + self.after)
+                self._append(steps[kept], self.rows(Window(steps[kept], alike, forces[kept])))
+            return
         span, count, first = self.before + self.after, len(values), step - self.after
         states = np.concatenate([self._last, values]) if span else values
         kept = slice(-first % self.every, count, self.every)

@@ -18,11 +18,12 @@ from farhorizon.engine.settings import record_blocks
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.heat.thermal_strains import ThermalStrains
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.fourier_sums import BLOCK
-from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordRequest, StepValues
+from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordRequest, RowRecorder, StepValues
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.time.outer_loop import warn
 
@@ -146,6 +147,8 @@ class Recording:
         for recorder in self.recorders:
             with self._naming(recorder), team.agreed():
                 requests.append(recorder.begin(setup, parts))
+            if isinstance(recorder, RowRecorder):
+                recorder.resting = isinstance(setup.dt, LoadSteps)
             recorder.run = self._number
         for text in self.doubts:
             if text not in doubts_before:  # recorders of a run that is made anew have already issued theirs

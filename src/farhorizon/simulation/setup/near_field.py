@@ -15,6 +15,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import decompose
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions, losses, resolve
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.prescribed import Prescribed, PrescribedNodes
 from farhorizon.inputs.sources import field, largest_component
 from farhorizon.medium.force_states import ForceStates
@@ -406,6 +407,8 @@ def _step_that_follows(setup: Setup, sides: Sides, stencil: Stencil, rate: float
 def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf) -> float:
     """Return the given time step, by default half the limit of the scheme and of the sides, and at most `most`."""
     dt, model, lattice = setup.dt, setup.model, setup.lattice
+    if isinstance(dt, LoadSteps):
+        return dt.interval
     if dt is None or callable(dt):
         borne = [b.step_limit(model.order, model.coefficient, lattice.spacing, lattice.dim) for b in sides.values()]
         default = min(0.5 * min(limit, *borne), most)

@@ -19,6 +19,7 @@ from farhorizon.inputs.cracks import as_crack
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.impactors import Impactor
 from farhorizon.inputs.incidence import Incident
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.loads import BodyForce, Load, Traction
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
@@ -141,7 +142,7 @@ constraints, balance, specimens, loads
     cracks: Sequence[Any] = ()
     coefficient: Any = None
     background: float = 0.0
-    dt: float | Callable[[float], float] | None = None
+    dt: float | Callable[[float], float] | LoadSteps | None = None
     dtype: str = "float64"
     threads: int | None = None
     rule: str | None = None
@@ -269,10 +270,10 @@ constraints, balance, specimens, loads
 
     @property
     def lasting(self) -> bool:
-        """Whether the older time level is kept after a step, as required by the energies of individual bonds, by drag
-        and by the work of sources.
+        """Whether the older time level is kept after a step, as required by the energies of individual bonds, by drag,
+        by the work of sources and by load steps.
         """
-        kept = self.model.bond_law is not None or self.model.drag > 0
+        kept = self.model.bond_law is not None or self.model.drag > 0 or isinstance(self.dt, LoadSteps)
         return kept or (self.model.mechanical and self.balance)
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,15 @@ class Batch:
     places: np.ndarray  # of int, shape (n,); flat indices in the field at which sources act
     fields: np.ndarray  # shape (j, n)
     amplitudes: np.ndarray  # shape (steps, stages, j)
+
+
+class Path(NamedTuple):
+    """What drives a run at a step and at the next one, between which it moves in a straight line."""
+
+    held: np.ndarray  # prescribed values, shape (2, H)
+    places: np.ndarray  # of int; as in `Batch`, and so are the fields
+    fields: np.ndarray
+    amplitudes: np.ndarray  # shape (2, stages, j)
 
 
 class SourceTable:
@@ -123,6 +133,28 @@ class SourceTable:
             self._grow(n)
             yield Batch(n, places, strength, amplitudes)
             step += n
+
+    def path(self, step: int) -> Path:
+        """Return what drives a run from a step to the next one; before the first one nothing acts."""
+        near, engine = self.near, self.grid.engine
+        held = near.prescribed.table(step, 1)[0]
+        places, fields = self._strengths(step, (0.0,))
+        weights = np.full((1, 1), near.model.source_factor)
+        amplitudes = self._amplitudes(self.source_terms, step, (0.0,), weights, 2)
+        if not step:
+            amplitudes[0] = 0
+        reached = _largest(fields, amplitudes) * near.slow_crossing**2  # by a bar as long as the body
+        self.scale = max(self.scale, reached, float(np.abs(held).max(initial=0)))
+        return Path(np.stack([engine.current[engine.held].astype(float), held]), places, fields, amplitudes)
+
+    def follow(self, path: Path, way: np.ndarray) -> None:
+        """Advance the engine by a step at each of some positions on a path, 0 at its start and 1 at its end."""
+        held, amplitudes = (
+            values[0] + np.multiply.outer(way, values[1] - values[0]) for values in (path.held, path.amplitudes)
+        )
+        dtype = self.grid.engine.dtype
+        engine_inputs = self._nodes[path.places], path.fields.astype(dtype), amplitudes.astype(dtype)
+        self.grid.engine.advance(len(way), *engine_inputs, held if held.size else None)
 
     def _grow(self, steps: int) -> None:
         """Let the scale grow as the medium itself does in some steps."""

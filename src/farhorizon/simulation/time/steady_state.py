@@ -10,6 +10,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.time.outer_loop import check_ahead, checked_end
 from farhorizon.simulation.time.steps import last_step
@@ -44,6 +45,7 @@ class Running(Protocol):
     time: float
     step_count: int
     background: float
+    given: dict[str, Any]
     peak: float
     rest: SteadyState | None
     resting: SteadyStateQuantities
@@ -170,6 +172,13 @@ def steady_state_criterion(
     another text, a tolerance or limit for a run to a time, and loads that change near the limit.
     """
     if isinstance(until, str):
+        if isinstance(run.given.get("dt"), LoadSteps):
+            raise InputError(
+                "each load step is static: their run ends at a time",
+                value=until,
+                key="run.until",
+                remedy="the time of the last load step",
+            )
         kinds.one_of(until, "run.until", (STATIC,), "neither a time nor a state")
         return SteadyState.of(run, tolerance, limit)
     for name, value in (("tolerance", tolerance), ("limit", limit)):

@@ -12,6 +12,7 @@ import numpy as np
 from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
+from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.assembly import RunParts, assemble
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
@@ -25,6 +26,7 @@ from farhorizon.simulation.time.breaking import BreakableBonds, IntactMargin
 from farhorizon.simulation.time.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.time.energies import energies, kinetic_energy, present
 from farhorizon.simulation.time.flow_balance import FlowBalance
+from farhorizon.simulation.time.relaxation import Relaxation
 from farhorizon.simulation.time.source_table import SourceTable
 from farhorizon.simulation.time.source_terms import SourceChecks, time_histories
 from farhorizon.simulation.time.start import Motion, continued, with_incident_waves
@@ -59,6 +61,9 @@ class TimeLoop:
         self.source_table = SourceTable(
             near, grid, parts.active_terms, parts.phases, max([*largest, _TINY, *held]), parts.impactors
         )
+        self.relaxation: Relaxation | None = None
+        if isinstance(setup.dt, LoadSteps):
+            self.relaxation = Relaxation(setup.dt, near, grid, self.source_table)
         self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
@@ -238,6 +243,8 @@ class TimeLoop:
         """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
         opening = [int(np.ceil(c.opens / self.parts.near.dt - _ROUNDING)) - step for c in self.setup.cracks]
         steps = min(most, min((wait for wait in opening if wait > 0), default=sys.maxsize))
+        if self.relaxation is not None:
+            steps = 1
         if self.every:
             steps = min(steps, self.every - step % self.every)
         if self.heating is not None:
@@ -250,6 +257,11 @@ class TimeLoop:
         """Make `steps` steps from number `step` on; yields the number of steps of each batch after it."""
         if self.heating is not None and self.heating.due(step):
             self._warm(self.heating, step)
+        if self.relaxation is not None:
+            self.relaxation.settle(step)
+            self._hold(step + steps)
+            yield steps
+            return
         for batch in self.source_table.advance(step, steps):
             if self.heating is not None:
                 self.heating.follow(step)
@@ -306,6 +318,7 @@ class TimeLoop:
         arrays: Arrays = values_of(engine, self._seen)
         meta: dict[str, Any] = {"step": step, "phase": int(engine.phase)}
         meta |= {"seen_at": self._seen_at} if self._seen else {}
+        meta |= {"relaxation": self.relaxation.state()} if self.relaxation is not None else {}
         meta |= {
             "boxes": self.team.gather(self.box),
             "scale": self.team.largest(self.source_table.scale),
@@ -340,6 +353,8 @@ class TimeLoop:
                 return False
         self.team.gather(None)  # raises if another process lacks a part and makes no further calls
         engine.phase, engine.steps_done, self.source_table.scale = int(meta["phase"]), step, float(meta["scale"])
+        if self.relaxation is not None:
+            self.relaxation.take(meta["relaxation"])
         alone = not self.team and len(meta["boxes"]) == 1
         if self.heating is not None:
             self.heating.take(arrays, meta)

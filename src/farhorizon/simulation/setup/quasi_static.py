@@ -1,0 +1,62 @@
+"""The set-up of quasi-static loading: what it supports, and its fictitious masses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from farhorizon.errors import InputError
+from farhorizon.inputs.load_steps import LoadSteps
+from farhorizon.medium.integrators import Verlet
+from farhorizon.models import LatticeModel
+from farhorizon.simulation.setup.setup import Setup, Sides, side_name
+
+
+def check_load_steps(setup: Setup, sides: Sides, shared: bool) -> None:
+    """Refuse what load steps do not support: whatever has no state of equilibrium or a time of its own, and several
+    processes if the run is `shared` by them.
+    """
+    model = setup.model
+    moving = setup.initial is not None and "v" in setup.initial
+    unlimited = [key for key, side in sides.items() if side.endless or side.closing or side.exact or side.damped]
+    refused: list[tuple[bool, str, object, str]] = [
+        (not model.mechanical or model.of_temperature is not None, "model", model.title, "Elastic or Correspondence"),
+        (not isinstance(model.integrator, Verlet), "model.integrator", model.integrator.name, 'integrator = "verlet"'),
+        (moving, "initial.v", "given", "a body at rest"),
+        (setup.dtype != "float64", "dtype", setup.dtype, 'dtype = "float64"'),
+        (shared, "communicator", "several processes", "one process, with several threads"),
+        (setup.heat is not None, "load", "a thermal load", "a run in time, with a steady temperature"),
+        (bool(setup.impactors), "load", "an impactor", "prescribed nodes in its place"),
+    ]
+    refused += [
+        (True, f"boundary.{side_name(*key)}", type(sides[key]).__name__, 'Free or Fixed sides, or until = "static"')
+        for key in unlimited
+    ]
+    for wrong, key, value, remedy in refused:
+        if wrong:
+            raise InputError(
+                "load steps end in the equilibrium of a solid body",
+                value=value,
+                limit="a solid at rest of finite size, on one process and in double precision",
+                key=key,
+                remedy=remedy,
+            )
+
+
+def check_loads(setup: Setup, unsplit: Sequence[Any]) -> None:
+    """Refuse loads that do not move in a straight line from one load step to the next."""
+    if unsplit or setup.depends_on_field:
+        raise InputError(
+            "load steps need loads that are products of a function of space and one of time",
+            value=f"{len(unsplit)} others",
+            limit="0",
+            key="load",
+            remedy="value = ... and time = ..., or several loads",
+        )
+
+
+def with_fictitious_masses(model: LatticeModel, dt: float, load_steps: LoadSteps) -> LatticeModel:
+    """Return a uniform solid of which the interval of load steps is a time step as stable as `dt` in the given one."""
+    heavy = model.with_constants({"density": model.density * (load_steps.interval / dt) ** 2})
+    heavy.damping = heavy.drag = 0.0
+    return heavy
