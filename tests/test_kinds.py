@@ -280,6 +280,7 @@ RIGHT = {
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0, "integrator": "verlet"},
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
+    "LoadSteps": {"interval": 1.0, "tolerance": 1e-6, "limit": 1000},
     "LeastSquares": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
     "Envelope": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},
     "TravelTime": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},

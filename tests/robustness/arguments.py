@@ -166,6 +166,7 @@ def good():
         "Traction": {"side": "x-", "value": [1.0, 0.0]},
         "Wave": {"operator": kernel},
         "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0},
+        "LoadSteps": {"interval": 1.0},
         "WholeSteps": {"every": 1.0},
         "calibrated_stretch": {"model": fh.Elastic(kernel, 1.0), "spacing": 1.0, "fracture_energy": 1.0},
         "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},

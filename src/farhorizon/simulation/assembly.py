@@ -172,7 +172,7 @@ def survey(
     if isinstance(setup.dt, LoadSteps):
         check_load_steps(setup, sides, bool(team))
         in_time = near_field(replace(setup, dt=None), sides, stencil, variation, coefficient, stiffer)
-        setup = replace(setup, model=with_fictitious_masses(setup.model, in_time.dt, setup.dt))
+        setup = replace(setup, model=with_fictitious_masses(setup.model, in_time.step_limit, setup.dt))
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     waves, sources = [], []
     if setup.sources or setup.loads or setup.constraints:

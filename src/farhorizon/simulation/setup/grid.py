@@ -18,7 +18,6 @@ from farhorizon.engine.two_pass import StateSums
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
-from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import ModifiedEquation
 from farhorizon.medium.stencil import Stencil
@@ -191,7 +190,7 @@ def make_grid(
     if isinstance(model.integrator, ModifiedEquation) and layers:
         _check_modified_equation(near, list(layers.values()))
     light = near.density is None and not model.drag  # otherwise the base of a stage is read after the forces
-    alone = lattice.dim == 1 and light and not isinstance(setup.dt, LoadSteps)  # whose levels are all kept
+    alone = lattice.dim == 1 and light
     stages = model.integrator.stages(near.dt, model.damping, alone, setup.lasting or not light)
     grown = None
     if near.variation.of_bonds is not None:

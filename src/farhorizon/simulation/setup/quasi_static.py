@@ -8,8 +8,11 @@ from typing import Any
 from farhorizon.errors import InputError
 from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.medium.integrators import Verlet
-from farhorizon.models import LatticeModel
+from farhorizon.models import Elastic
 from farhorizon.simulation.setup.setup import Setup, Sides, side_name
+
+
+STABLE = 0.9  # iterations are as long as this fraction of the largest stable time step
 
 
 def check_load_steps(setup: Setup, sides: Sides, shared: bool) -> None:
@@ -55,8 +58,10 @@ def check_loads(setup: Setup, unsplit: Sequence[Any]) -> None:
         )
 
 
-def with_fictitious_masses(model: LatticeModel, dt: float, load_steps: LoadSteps) -> LatticeModel:
-    """Return a uniform solid of which the interval of load steps is a time step as stable as `dt` in the given one."""
-    heavy = model.with_constants({"density": model.density * (load_steps.interval / dt) ** 2})
+def with_fictitious_masses(model: Elastic, limit: float, load_steps: LoadSteps) -> Elastic:
+    """Return a uniform solid, of which the interval of load steps is a stable time step; `limit` is the largest one of
+    the given solid.
+    """
+    heavy = model.with_constants({"density": model.density * (load_steps.interval / (STABLE * limit)) ** 2})
     heavy.damping = heavy.drag = 0.0
     return heavy

@@ -5,13 +5,14 @@ An iteration is a step of velocity Verlet in which the previous increment is mul
     u(n+1) - u(n) = (1 - w)^2 (u(n) - u(n-1)) + dt^2 M^-1 F(u(n)),
 
 which damps the mode of the frequency w per iteration critically. Frequencies come from Rayleigh's quotient of the
-latest increment, ``w^2 = -d . (F(u(n)) - F(u(n-1))) / d . M d`` with ``d = u(n) - u(n-1)`` (Underwood 1983; Kilic and
-Madenci 2010, Theor. Appl. Fract. Mech. 53, 194-204, there with a diagonal matrix in place of the change of the forces).
+change d of the displacements over some iterations and that of the forces, ``w^2 = -d . (F(u + d) - F(u)) / d . M d``
+(Underwood 1983; Kilic and Madenci 2010, Theor. Appl. Fract. Mech. 53, 194-204, there with a diagonal stiffness).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,13 +20,23 @@ from farhorizon.engine.settings import damp_increments
 from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
-from farhorizon.simulation.time.source_table import Path, SourceTable
+from farhorizon.simulation.time.source_table import SourceTable
 
-_CHECK = 32  # iterations from one check to the next, which costs about as much as one of them
+_CHECK = 32  # iterations from one check to the next, which costs about as much as some of them
 # Loads move for this many times 1/w: a critically damped mode that is driven at a constant rate lags by 2/w, here a
-# tenth of what is added in a load step, and bonds are strained by that much in excess.
-_RISE = 20.0
-_SETTLED = 2  # checks in a row that must find equilibrium: velocity and acceleration may vanish at one moment
+# fifth of what is added in a load step.
+_RISE = 10.0
+# of the frequencies, with which an iteration is stable: (2 STABLE)^2 < 2 (1 + (1 - w)^2), see `quasi_static.STABLE`
+_HIGHEST = 0.2
+_ROUNDING = 1e-15  # of accelerations, which are sums of a few displacements, relative to these
+
+
+class _State(NamedTuple):
+    """Fields at the nodes, components first."""
+
+    displacements: np.ndarray
+    increments: np.ndarray  # of the last iteration
+    accelerations: np.ndarray
 
 
 class Relaxation:
@@ -61,51 +72,53 @@ class Relaxation:
         engine, settings = self._grid.engine, self._load_steps
         engine.older[...] = engine.current  # at rest
         path = self._source_table.path(step)
-        moved, settled, rate = 0.0, 0, 1 / _RISE
+        moved, quiet, remaining, before = 0.0, 0.0, np.inf, None
         for count in range(_CHECK, settings.limit + _CHECK, _CHECK):
             damp_increments(engine, (1 - self.frequency) ** 2)
-            way = np.minimum(1.0, moved + rate * self.frequency * np.arange(1, _CHECK + 1))
-            self._iterate(step, path, way[:-1])
-            before = self._accelerations()
-            self._iterate(step, path, way[-1:])
-            still, moved = moved == 1, way[-1]
-            remaining = self._remaining(before) if still else np.inf
-            settled = settled + 1 if remaining <= settings.tolerance else 0
-            if settled == _SETTLED or np.isnan(remaining):
+            way = moved + self.frequency / _RISE * np.arange(1, _CHECK + 1)
+            self._source_table.follow(path, np.minimum(1.0, way))
+            if moved == 1:
+                now = self._state(step)
+                remaining, before = self._remaining(now, before), now
+                quiet = quiet + _CHECK * self.frequency if remaining <= settings.tolerance else 0.0
+            moved = min(1.0, way[-1])
+            if quiet >= 1 or np.isnan(remaining):  # for as long as a mode takes to show
                 break
-        self.iterations += count
-        if settled < _SETTLED:
+        else:
             self.missed = remaining
+        self.iterations += count
+        engine.steps_done = step
+        self._source_table.follow(path, np.ones(1))
 
-    def _iterate(self, step: int, path: Path, way: np.ndarray) -> None:
-        """Iterate once for each of some positions on the way from the loads of a step to those of the next one."""
-        self._grid.engine.steps_done = step + 1 - len(way)  # what is recorded of the last one is that of the next step
-        self._source_table.follow(path, way)
-
-    def _level(self, level: np.ndarray) -> np.ndarray:
-        """Return a level in the near field, zero where there are no nodes."""
-        return self._near.inside(self._grid.view(level).reshape(self._near.field_shape).astype(float))
-
-    def _accelerations(self) -> np.ndarray:
-        """Return the forces on free nodes over their masses at the last but one iterate, in units of iterations."""
-        engine = self._grid.engine
-        now, before, earlier = (self._level(level) for level in engine.last_levels)
-        accelerations = now - before - (1 - self.frequency) ** 2 * (before - earlier)
-        accelerations.ravel()[self._near.prescribed.held(engine.steps_done - 1)] = 0
-        return accelerations
-
-    def _remaining(self, accelerations: np.ndarray) -> float:
-        """Return an estimate of what the displacements are still going to change, relative to their size, and update
-        the frequency; `accelerations` are those of the previous iteration.
+    def _state(self, step: int) -> _State:
+        """Return displacements, increments and accelerations of the last but one iterate, in units of iterations; those
+        of nodes without a body and the accelerations of held nodes are zero.
         """
-        _, now, before = (self._level(level) for level in self._grid.engine.last_levels)
-        increment, latest = now - before, self._accelerations()
-        moving, size = self._product(increment, increment), self._product(now, now)
-        stiffness = -self._product(increment, latest - accelerations)
-        if moving > 0 and stiffness > 0:  # not while bonds break
-            self.frequency = min(1.0, float(np.sqrt(stiffness / moving)))
-        change = self._product(latest, latest) / self.frequency**4 + moving / self.frequency**2
-        return float(np.sqrt(change / size)) if size > 0 else float(change)
+        later, now, before = (
+            self._near.inside(self._grid.view(level).reshape(self._near.field_shape).astype(float))
+            for level in self._grid.engine.last_levels
+        )
+        increments = now - before
+        accelerations = later - now - (1 - self.frequency) ** 2 * increments
+        accelerations.ravel()[self._near.prescribed.held(step)] = 0
+        return _State(now, increments, accelerations)
+
+    def _remaining(self, state: _State, before: _State | None) -> float:
+        """Return an estimate of what the displacements are still going to change, relative to their size; infinite
+        without the state at the last check, from which the frequency for the next iterations follows.
+        """
+        if before is None:
+            return np.inf
+        change, turned = state.displacements - before.displacements, state.accelerations - before.accelerations
+        accelerated, moving, size = (self._product(field, field) for field in reversed(state))
+        changed, stiffness = self._product(change, change), -self._product(change, turned)
+        # not while bonds break, nor by rounding errors
+        if changed > 0 and stiffness > 0 and self._product(turned, turned) > _ROUNDING**2 * size:
+            # it rises no faster than its mode decays: where a slow mode turns round, others count for a moment
+            slow = self.frequency * np.exp(_CHECK * self.frequency)
+            self.frequency = min(_HIGHEST, slow, float(np.sqrt(stiffness / changed)))
+        ahead = accelerated / self.frequency**4 + moving / self.frequency**2
+        return float(np.sqrt(ahead / size)) if size > 0 else float(ahead)
 
     def _product(self, first: np.ndarray, second: np.ndarray) -> float:
         """Return the product of two fields, weighted by the masses of the nodes."""
