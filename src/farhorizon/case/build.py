@@ -161,7 +161,11 @@ def _inside(material: Any, number: int, lattice: fh.Lattice) -> np.ndarray:
 
 
 def setup_of(
-    parts: Any, lattice: fh.Lattice, model: fh.LatticeModel, end: float, dt: float | Callable[[float], float] | fh.LoadSteps
+    parts: Any,
+    lattice: fh.Lattice,
+    model: fh.LatticeModel,
+    end: float,
+    dt: float | Callable[[float], float] | fh.LoadSteps,
 ) -> fh.Setup:
     """The set-up of a validated case whose run, for which layers are designed, has the length `end`; `dt` is the time
     step, or a function of the default one. What the object of a table refuses is an InputError with its key.

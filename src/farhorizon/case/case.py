@@ -167,9 +167,9 @@ class Case:
     def _given_step(self) -> float | Callable[[float], float] | fh.LoadSteps:
         run = self.parts.run
         if run.load_steps is not None:
-            tolerance = {} if run.tolerance is None else {"tolerance": run.tolerance}
+            steps = fh.LoadSteps(self.end / run.load_steps)
             try:
-                return fh.LoadSteps(self.end / run.load_steps, **tolerance)
+                return steps if run.tolerance is None else replace(steps, tolerance=run.tolerance)
             except InputError as error:
                 raise error.at("run.tolerance") from None
         return self._step if run.dt is None else run.dt
@@ -300,17 +300,18 @@ class Case:
                 remedy='temperature = "K"; numbers may still be given as "20 degC"',
             )
 
-    def _check_load_steps(self) -> None:
+    def _check_load_steps(self, count: int) -> None:
+        if count < 1:
+            raise InputError("a run has at least one load step", value=count, limit=1, key="run.load_steps")
         run = self.parts.run
-        if run.load_steps < 1:
-            raise InputError("a run has at least one load step", value=run.load_steps, limit=1, key="run.load_steps")
-        for name, given in {"until": run.until if run.until == STATIC else None, "limit": run.limit, "dt": run.dt}.items():
+        static = run.until if run.until == STATIC else None
+        for name, given in {"until": static, "limit": run.limit, "dt": run.dt}.items():
             if given is not None:
                 raise InputError(
                     "load steps divide the time until a given end",
                     value=given,
                     key=f"run.{name}",
-                    remedy="a number" if name == "until" else "leave it out",
+                    remedy="leave it out" if static is None else "a number",
                 )
 
     def _check_times(self) -> None:
@@ -323,7 +324,7 @@ class Case:
                 remedy="some tens of the time in which the slowest wave crosses the near field",
             )
         if run.load_steps is not None:
-            self._check_load_steps()
+            self._check_load_steps(run.load_steps)
         for name, given in self.to_rest.items() if run.until != STATIC else ():
             raise InputError(
                 "only a run to the static state has one", value=given, key=f"run.{name}", remedy='until = "static"'

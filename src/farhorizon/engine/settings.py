@@ -72,8 +72,8 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
 
 
 def damp_increments(engine: Engine, factor: float) -> None:
-    """Multiply the previous increment of velocity Verlet by a factor in each step from now on, of an engine made without
-    damping whose older level outlives a step.
+    """Multiply the previous increment of velocity Verlet by a factor in each step from now on, of an engine made
+    without damping whose older level outlives a step.
     """
     _, _, scale, source_scale = engine.stages.numbers[0]
     numbers = [numbers_of(engine, 1 + factor, -factor, scale, source_scale)]

@@ -32,7 +32,7 @@ from farhorizon.simulation.setup.compatibility import (
 from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_field
-from farhorizon.simulation.setup.quasi_static import check_load_steps, check_loads, with_fictitious_masses
+from farhorizon.simulation.setup.quasi_static import ITERATED, check_load_steps, check_loads, with_fictitious_masses
 from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
@@ -244,6 +244,7 @@ def assembled(
     source_terms = split_source_terms(surveyed.sources, near, exterior) if surveyed.sources else SourceTerms([], [])
     if isinstance(setup.dt, LoadSteps):
         check_loads(setup, source_terms.unsplit)
+        exterior.notes.append(ITERATED)
     active_terms = source_terms.sources + [source_term for _, source_term in near.conditions.sources]
     thermoelastic = frozenset[Key]()
     if setup.heat is not None and subdomain is None:

@@ -105,8 +105,8 @@ def notched(length, energy, interval, until):
 
 
 def test_peak_load_and_energy_of_a_notched_plate():
-    """The peak load is that of Griffith's criterion for the change of the compliance with the length of the crack (Irwin
-    and Kies 1954). Fields are symmetric, and the work of the table is what bonds and damping have taken.
+    """The peak load is that of Griffith's criterion for the change of the compliance with the length of the crack
+    (Irwin and Kies 1954). Fields are symmetric, and the work of the table is what bonds and damping have taken.
     """
     compliances = []
     for length in (5.0, 7.0):
@@ -147,9 +147,9 @@ def arms(length, crack, height=24):
 
 
 def test_double_cantilever_beam():
-    """Stiffness and energy release rate of a double cantilever beam are those of beam theory (arms that turn at the tip,
-    as if they were longer by 0.67 of their height), once the arms have the stiffness against bending that a single beam of
-    nodes has: it is softer than EI, because its faces lack bonds.
+    """Stiffness and energy release rate of a double cantilever beam are those of beam theory (arms that turn at the
+    tip, as if they were longer by 0.67 of their height), once the arms have the stiffness against bending that a single
+    beam of nodes has: it is softer than EI, because its faces lack bonds.
     """
     height, length, crack = 12, 80, 50.0
     inertia = height**3 / 12

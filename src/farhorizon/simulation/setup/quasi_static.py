@@ -8,10 +8,13 @@ from typing import Any
 from farhorizon.errors import InputError
 from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.medium.integrators import Verlet
-from farhorizon.models import Elastic
 from farhorizon.simulation.setup.setup import Setup, Sides, side_name
 
-
+#: Note on what is said of waves and of the time of a run.
+ITERATED = (
+    "each load step takes hundreds to many thousands of iterations, as many as the slowest mode needs: times that are "
+    "foretold are those of one iteration per step, and what is said of waves does not matter"
+)
 STABLE = 0.9  # iterations are as long as this fraction of the largest stable time step
 
 
@@ -58,7 +61,7 @@ def check_loads(setup: Setup, unsplit: Sequence[Any]) -> None:
         )
 
 
-def with_fictitious_masses(model: Elastic, limit: float, load_steps: LoadSteps) -> Elastic:
+def with_fictitious_masses(model: Any, limit: float, load_steps: LoadSteps) -> Any:
     """Return a uniform solid, of which the interval of load steps is a stable time step; `limit` is the largest one of
     the given solid.
     """

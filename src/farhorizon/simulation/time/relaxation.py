@@ -73,20 +73,21 @@ class Relaxation:
         engine.older[...] = engine.current  # at rest
         path = self._source_table.path(step)
         moved, quiet, remaining, before = 0.0, 0.0, np.inf, None
-        for count in range(_CHECK, settings.limit + _CHECK, _CHECK):
+        for _ in range(0, settings.limit, _CHECK):
+            self.iterations += _CHECK
             damp_increments(engine, (1 - self.frequency) ** 2)
             way = moved + self.frequency / _RISE * np.arange(1, _CHECK + 1)
             self._source_table.follow(path, np.minimum(1.0, way))
             if moved == 1:
                 now = self._state(step)
                 remaining, before = self._remaining(now, before), now
-                quiet = quiet + _CHECK * self.frequency if remaining <= settings.tolerance else 0.0
+                least = max(settings.tolerance, _ROUNDING / self.frequency**2)
+                quiet = quiet + _CHECK * self.frequency if remaining <= least else 0.0
             moved = min(1.0, way[-1])
             if quiet >= 1 or np.isnan(remaining):  # for as long as a mode takes to show
                 break
         else:
             self.missed = remaining
-        self.iterations += count
         engine.steps_done = step
         self._source_table.follow(path, np.ones(1))
 
