@@ -182,7 +182,7 @@ def _check_model(setup: Setup) -> None:
     """Refuse models that are not linear, or integrators of several stages."""
     model, law = setup.model, setup.model.bond_law
     if law is not None:
-        flags = {name: True for name in ("nonlinear", "contact", "softening", "warm") if getattr(law, name)}
+        flags = {name: True for name in ("nonlinear", "contact", "softening", "law", "warm") if getattr(law, name)}
         limits = ("critical_stretch", "fracture_energy")
         flags |= {name: getattr(law, name) for name in limits if getattr(law, name, None) is not None}
         for name, value in flags.items():

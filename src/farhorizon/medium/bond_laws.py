@@ -1,0 +1,493 @@
+"""Laws of bonds that are functions, compiled by Numba: the base class, and softening and viscoelastic bonds."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from abc import ABC
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from types import BuiltinFunctionType, FunctionType, ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.arguments import Duration, Registered
+from farhorizon.engine.codegen.bond_functions import GIVEN, BondFunctions
+from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
+
+_NAMES = ("update", "force", "energy", "damage")
+#: Stretches at which a law is tried: from rounding errors to a bond that is twice as long, or almost without length.
+_LEAST, _LONGEST, _SHORTEST, _TRIALS = 1e-9, 1.0, -0.9, 200
+_ROUNDING = 1e-6  # of difference quotients of functions that are smooth, over stretches of `_LEAST` or more, relative
+
+
+class BondLaw(Registered, Storable, ABC):
+    """The law of a bond, by functions of its stretch and its history that Numba compiles.
+
+    A user-defined law is a frozen dataclass that derives from this class. Its fields are numbers, the keys of its table
+    in case files. Forces are in units of the bond's stiffness, which follows from the moduli of the solid: a spring has
+    ``force = stretch``. The functions are static methods, whose arguments are asked for by name: `stretch`, numbers
+    from `history`, fields, and `dt`, `length` and `before`, the time step, the length of the bond and its stretch a
+    step ago. They compute with numbers alone, and call only what Numba compiles without memory of its own.
+
+    ``force(stretch, ...)`` is required. ``update(stretch, ...)`` returns the next history, once a step. ``energy(
+    stretch, ...)`` is stored, so that its derivative is the force; half the force times the stretch unless given.
+    ``damage(...)`` is the fraction of the stiffness that is lost; a bond with 1 breaks.
+
+    Attributes
+    ----------
+    history : dict of str to float
+        Numbers that a bond remembers, and their values at the start.
+    elastic_limit : float or None
+        Stretch up to which the bond is a spring and remembers nothing: what is stretched less costs nothing more. None
+        if there is none.
+    tag : str
+        Its `type` in a case file: ``ViscoelasticBond`` is "viscoelastic-bond".
+    known : dict of str to type
+        All laws by name, including user-defined ones.
+
+    Raises
+    ------
+    InputError
+        When a law is made: a function that Numba does not compile, or that takes memory; a force that is not a number,
+        is stiffer than the bond, or is not the derivative of the energy; a force up to `elastic_limit` that is not the stretch.
+    TypeError
+        When a class is defined without a force, or with a function that asks for what is not given or reads a variable.
+
+    Notes
+    -----
+    The energy that is lost as the history changes from h to h' is that at h less that at h', both at the present
+    stretch and that a step ago, so that velocity Verlet balances energies to rounding where the energy is a square of
+    the stretch. As for all bonds with a law of their own, those within one reach of sides that are not free are springs.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Plastic(fh.BondLaw):
+    ...     "Bonds that yield at a stretch."
+    ...     limit: float
+    ...     history = {"slip": 0.0}
+    ...     @staticmethod
+    ...     def update(stretch, slip, limit):
+    ...         return min(max(slip, stretch - limit), stretch + limit)
+    ...     @staticmethod
+    ...     def force(stretch, slip):
+    ...         return stretch - slip
+    ...     @staticmethod
+    ...     def energy(stretch, slip):
+    ...         return (stretch - slip) ** 2 / 2
+    >>> metal = fh.Elastic(fh.Kernel(2.0, exponent=1), young=1.0, law=Plastic(0.002))
+    """
+
+    tag: ClassVar[str]
+    known: ClassVar[dict[str, type[BondLaw]]] = {}
+    history: ClassVar[Mapping[str, float]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if not isinstance(getattr(cls, "force", None), FunctionType):
+            raise TypeError(f"{cls.__name__} needs a static method force(stretch, ...)")
+        if cls.history and getattr(cls, "update", None) is None:
+            raise TypeError(f"{cls.__name__} has a history, so that it needs a static method update(stretch, ...)")
+        given = [*GIVEN, *cls.history, *_parameters(cls)]
+        for name, function in _functions(cls).items():
+            unknown = [argument for argument in inspect.signature(function).parameters if argument not in given]
+            if unknown:
+                raise TypeError(
+                    f"{cls.__name__}.{name} asks for {', '.join(unknown)}, which is not given; there are "
+                    f"{', '.join(given)}: make it a field, or a number in history"
+                )
+            if variable := _variable(function):
+                raise TypeError(
+                    f"{cls.__name__}.{name} reads the variable {variable}, which files do not hold: make it a field"
+                )
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]  # all laws that can be made are dataclasses
+            kinds.set_fields(self, **{field.name: kinds.number(getattr(self, field.name), f"law.{field.name}")})
+        self._check()
+
+    @property
+    def elastic_limit(self) -> float | None:
+        """Stretch up to which the bond is a spring and remembers nothing; None if there is none."""
+        return None
+
+    @property
+    def functions(self) -> BondFunctions:
+        """The functions, compiled."""
+        return _compiled(type(self))
+
+    @property
+    def breaks(self) -> bool:
+        """Whether bonds may break."""
+        return self.functions.damage is not None
+
+    def numbers(self, dt: float, frozen: bool = False) -> np.ndarray:
+        """Parameters for the compiled loop, see `farhorizon.engine.bonds.Bonds.parameters`."""
+        return np.array([float(frozen), dt, *self.arguments.values()])
+
+    @property
+    def arguments(self) -> dict[str, float]:
+        """Values of the fields by name."""
+        return {name: float(getattr(self, name)) for name in self.functions.parameters}
+
+    def course(self, stretches: Any, dt: float = 1.0, length: float = 1.0) -> dict[str, np.ndarray]:
+        """Return what a single bond does as it is stretched step by step.
+
+        Parameters
+        ----------
+        stretches : array_like, shape (n,)
+            Stretches at successive steps; before the first one the bond is not stretched.
+        dt : float
+            Time step.
+        length : float
+            Length of the bond.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Each of shape (n,): "force", "energy" and "damage", in the units of the law, and the numbers of the history.
+        """
+        functions, history, before = self.functions, dict(self.history), 0.0
+        rows = []
+        for stretch in np.asarray(stretches, float).ravel().tolist():
+            given = {"stretch": stretch, "before": before, "dt": dt, "length": length, **self.arguments}
+            if functions.update is not None:
+                moved = _called(functions, "update", given | history)
+                history = dict(zip(history, moved if isinstance(moved, tuple) else [moved], strict=True))
+            force = _called(functions, "force", given | history)
+            energy = force * stretch / 2 if functions.energy is None else _called(functions, "energy", given | history)
+            damage = 0.0 if functions.damage is None else _called(functions, "damage", given | history)
+            rows.append({"force": force, "energy": energy, "damage": damage, **history})
+            before = stretch
+        return {name: np.array([row[name] for row in rows], float) for name in (rows[0] if rows else ())}
+
+    def _check(self) -> None:
+        """Try the law: forces and energies are numbers, forces are no stiffer than the bond, and derivatives of the
+        energy.
+        """
+        up = np.geomspace(_LEAST, _LONGEST, _TRIALS)
+        down = np.geomspace(_LEAST, -_SHORTEST, _TRIALS)
+        for stretches in (up, -down, np.concatenate([up, up[::-1], -down])):
+            course = self.course(stretches)
+            for name, values in course.items():
+                if not np.isfinite(values).all():
+                    at = stretches[~np.isfinite(values)][0]
+                    raise self._refused(f"the {name} is not a number at the stretch {at:.3g}", values[~np.isfinite(values)][0], "finite", "a value there, too")
+        limit = self.elastic_limit
+        if limit is not None:
+            low = np.concatenate([-down, up[up <= limit], [limit]])
+            course = self.course(low)
+            wrong = np.abs(course["force"] - low) > 1e-12 * np.abs(low)  # rounding
+            for name, value in self.history.items():
+                wrong |= course[name] != value
+            if wrong.any():
+                raise self._refused(
+                    f"up to elastic_limit a bond is a spring that remembers nothing, but not at the stretch {low[wrong][0]:.3g}",
+                    course["force"][wrong][0],
+                    f"{low[wrong][0]:.3g}",
+                    "elastic_limit = None, or a force equal to the stretch, and an update that returns the history, up to there",
+                )
+        self._check_slopes(up, down)
+
+    def _check_slopes(self, up: np.ndarray, down: np.ndarray) -> None:
+        """Compare forces at neighbouring stretches, and with the slopes of the energy, for histories that rest."""
+        functions = self.functions
+        for top in (0.0, 1e-4, 1e-2, up[-1]):
+            history = dict(self.history)
+            if functions.update is not None and top:
+                course = self.course(np.linspace(0.1 * top, top, 10))
+                history = {name: float(course[name][-1]) for name in history}
+            given = {"before": top, "dt": 1.0, "length": 1.0, **self.arguments, **history}
+            for stretch in (*up[:: _TRIALS // 20], *-down[:: _TRIALS // 20]):
+                more = stretch * (1 + 1e-3)
+                low, high = (_called(functions, "force", given | {"stretch": s}) for s in (stretch, more))
+                slope = (high - low) / (more - stretch)
+                if slope > 1 + _ROUNDING + 1e-9 / abs(stretch):
+                    raise self._refused(
+                        f"the force is stiffer than the bond at the stretch {stretch:.3g}: steps would be unstable",
+                        f"{slope:.3g}",
+                        "at most 1 more force per stretch",
+                        "moduli that are those of the stiffest state",
+                    )
+                if functions.energy is None:
+                    if _called(functions, "force", given | {"stretch": 0.0}) != 0:
+                        raise self._refused(
+                            "a bond has a force without a stretch, so that its energy does not follow from the force",
+                            "no energy",
+                            "energy(stretch, ...)",
+                            "define it, so that its derivative is the force",
+                        )
+                    continue
+                rise = _called(functions, "energy", given | {"stretch": more}) - _called(functions, "energy", given | {"stretch": stretch})
+                scale = max(abs(low), abs(high), abs(stretch))
+                # a difference quotient of a curved energy has an error of second order in the step
+                if abs(rise / (more - stretch) - (low + high) / 2) > 1e-4 * scale + 1e-12 / abs(more - stretch):
+                    raise self._refused(
+                        f"the force is not the derivative of the energy at the stretch {stretch:.3g}",
+                        f"{low:.6g}",
+                        f"{rise / (more - stretch):.6g}",
+                        "an energy whose derivative by the stretch is the force, while the history rests",
+                    )
+
+    def _refused(self, what: str, value: Any, limit: str, remedy: str) -> InputError:
+        return InputError(f"{type(self).__name__}: {what}", value=value, limit=limit, key="law", remedy=remedy)
+
+
+def _parameters(law: type[BondLaw]) -> list[str]:
+    """Names of the fields of a class, also before `dataclass` has made it one."""
+    names: dict[str, None] = {}
+    for base in reversed(law.__mro__[: law.__mro__.index(BondLaw)]):
+        hints = vars(base).get("__annotations__", {})
+        names |= {name: None for name, hint in hints.items() if "ClassVar" not in str(hint)}
+    return list(names)
+
+
+def _functions(law: type[BondLaw]) -> dict[str, FunctionType]:
+    """The functions of a law by name."""
+    return {name: getattr(law, name) for name in _NAMES if getattr(law, name, None) is not None}
+
+
+def _variable(function: FunctionType) -> str:
+    """A variable that a function reads; empty if there is none: functions, modules and names that Numba will miss."""
+    if function.__code__.co_freevars:
+        return function.__code__.co_freevars[0]
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        callable_ = isinstance(value, (FunctionType, BuiltinFunctionType, type, ModuleType, np.ufunc))
+        if value is not None and not (callable_ or hasattr(value, "py_func")):
+            return name
+    return ""
+
+
+def _called(functions: BondFunctions, name: str, given: Mapping[str, float]) -> Any:
+    """Value of a function for arguments by name."""
+    return getattr(functions, name)(*[given[argument] for argument in dict(functions.arguments)[name]])
+
+
+@cache
+def _compiled(law: type[BondLaw]) -> BondFunctions:
+    """Compile the functions of a class; InputError if Numba cannot, or if they take memory."""
+    import numba  # late: slow to import
+
+    made: dict[str, Any] = dict.fromkeys(_NAMES)
+    arguments = []
+    for name, function in _functions(law).items():
+        names = tuple(inspect.signature(function).parameters)
+        arguments.append((name, names))
+        made[name] = _without_memory(law, name, function, numba.types.float64, len(names))
+        wanted = len(law.history) if name == "update" else 1
+        result = made[name].nopython_signatures[0].return_type
+        numbers = list(result) if isinstance(result, numba.types.BaseTuple) else [result]
+        if len(numbers) != wanted or not all(isinstance(kind, numba.types.Number) and kind != numba.types.complex128 for kind in numbers):
+            raise InputError(
+                f"{law.__name__}.{name} does not return {wanted} number{'s' * (wanted > 1)}",
+                value=str(result),
+                limit=", ".join(law.history) if name == "update" else "a number",
+                key="law",
+                remedy="return them in the order of history" if name == "update" else "return a number",
+            )
+    return BondFunctions(**made, history=tuple(law.history), start=tuple(map(float, law.history.values())), parameters=tuple(_parameters(law)), arguments=tuple(arguments))
+
+
+def _without_memory(law: type[BondLaw], name: str, function: Callable[..., Any], number: Any, count: int) -> Any:
+    """A function of numbers, compiled without Numba's memory, in which arrays and lists cannot be made."""
+    import numba
+
+    try:
+        return numba.njit([(number,) * count], error_model="numpy", _nrt=False)(function)
+    except Exception as error:  # whatever it is, the law cannot be used
+        reason = str(error).strip()
+        takes = "NRT" in reason
+        raise InputError(
+            f"{law.__name__}.{name} takes memory" if takes else f"Numba does not compile {law.__name__}.{name}",
+            value="an array, a list or a text" if takes else next((line for line in reason.splitlines() if "rror" not in line and line.strip()), reason)[:120],
+            limit="numbers alone",
+            key="law",
+            remedy="scalar arithmetic, math, and functions with numba.njit",
+        ) from None
+
+
+@dataclass(frozen=True)
+class BilinearSoftening(BondLaw):
+    """Bonds whose force falls linearly from an onset, to zero at a final stretch, where they break.
+
+    They unload along the secant. Over all bonds across a plane, a crack takes ``onset * final`` times the fracture
+    energy of a critical stretch of 1; ``softening = "linear"`` of `Elastic` chooses `final` by the fracture energy.
+
+    Parameters
+    ----------
+    onset : float
+        Stretch at which the force is largest.
+    final : float
+        Stretch at which nothing is left.
+
+    Raises
+    ------
+    InputError
+        An onset that is not positive, or a final stretch that is not larger.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> law = fh.BilinearSoftening(onset=0.01, final=0.04)
+    >>> [round(float(force), 6) for force in law.course([0.01, 0.025, 0.0125, 0.05])["force"]]
+    [0.01, 0.005, 0.0025, 0.0]
+    """
+
+    onset: float
+    final: float
+    history: ClassVar[Mapping[str, float]] = {"largest": 0.0}
+
+    def __post_init__(self) -> None:
+        _check_onset(self)
+        kinds.number(self.final, "law.final", above=self.onset)
+        super().__post_init__()
+
+    @property
+    def elastic_limit(self) -> float:
+        """The onset."""
+        return self.onset
+
+    @staticmethod
+    def update(stretch, largest, onset):
+        """Largest stretch beyond the onset so far."""
+        return stretch if stretch > onset and stretch > largest else largest
+
+    @staticmethod
+    def force(stretch, largest, onset, final):
+        """Stretch times the secant of the curve at the largest stretch."""
+        top = max(largest, onset)
+        return stretch * (onset * max(final - top, 0.0) / (top * (final - onset)))
+
+    @staticmethod
+    def damage(largest, onset, final):
+        """What the secant has lost."""
+        top = max(largest, onset)
+        return 1 - onset * max(final - top, 0.0) / (top * (final - onset))
+
+
+@dataclass(frozen=True)
+class ExponentialSoftening(BondLaw):
+    """Bonds whose force decays exponentially beyond an onset.
+
+    They unload along the secant, and never lose all of it. `final` is the stretch at which the bilinear law that takes
+    the same energy would end.
+
+    Parameters
+    ----------
+    onset : float
+        Stretch at which the force is largest.
+    final : float
+        The force falls to ``exp(-2)`` at this stretch.
+
+    Raises
+    ------
+    InputError
+        An onset that is not positive, or a final stretch that is not larger.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> law = fh.ExponentialSoftening(onset=0.01, final=0.03)
+    >>> float(law.course([0.03])["force"][0] / 0.01).__round__(6)
+    0.135335
+    """
+
+    onset: float
+    final: float
+    history: ClassVar[Mapping[str, float]] = {"largest": 0.0, "secant": 1.0}
+
+    def __post_init__(self) -> None:
+        _check_onset(self)
+        kinds.number(self.final, "law.final", above=self.onset)
+        super().__post_init__()
+
+    @property
+    def elastic_limit(self) -> float:
+        """The onset."""
+        return self.onset
+
+    @staticmethod
+    def update(stretch, largest, secant, onset, final):
+        """Largest stretch beyond the onset so far, and the secant of the curve there."""
+        if stretch > onset and stretch > largest:
+            return stretch, onset / stretch * math.exp(-2 * (stretch - onset) / (final - onset))
+        return largest, secant
+
+    @staticmethod
+    def force(stretch, secant):
+        """Stretch times the secant of the curve at the largest stretch."""
+        return stretch * secant
+
+    @staticmethod
+    def damage(secant):
+        """What the secant has lost."""
+        return 1 - secant
+
+
+def _check_onset(law: Any) -> None:
+    kinds.number(law.onset, "law.onset", above=0)
+
+
+@dataclass(frozen=True)
+class ViscoelasticBond(BondLaw):
+    """Bonds of a standard linear solid: a spring beside a spring and a dashpot in series.
+
+    At a constant stretch the force relaxes from that of the spring to ``1 - relaxing`` of it, as ``exp(-t / time)``. The
+    moduli of the solid are those before relaxation, which fast waves see.
+
+    Parameters
+    ----------
+    relaxing : float
+        Fraction of the stiffness that relaxes, 0 to 1.
+    time : float
+        Time in which it does.
+
+    Raises
+    ------
+    InputError
+        A fraction outside 0 to 1, or a time that is not positive.
+
+    Notes
+    -----
+    The stretch q of the dashpot follows ``q' = (s - q) / time`` by the trapezoidal rule, of second order in the time
+    step. In a step ``relaxing dt / time`` times the squared mean of ``s - q`` is lost, never less than nothing.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> law = fh.ViscoelasticBond(relaxing=0.4, time=2.0)
+    >>> [round(float(force), 3) for force in law.course([0.01] * 10001, dt=0.001)["force"][[0, 2000, 10000]] / 0.01]
+    [1.0, 0.747, 0.603]
+    """
+
+    relaxing: float
+    time: Duration
+    history: ClassVar[Mapping[str, float]] = {"viscous": 0.0}
+
+    def __post_init__(self) -> None:
+        kinds.number(self.relaxing, "law.relaxing", least=0, most=1)
+        kinds.number(self.time, "law.time", above=0)
+        super().__post_init__()
+
+    @staticmethod
+    def update(stretch, before, viscous, dt, time):
+        """Stretch of the dashpot a step later."""
+        return viscous + dt * (stretch + before - 2 * viscous) / (2 * time + dt)
+
+    @staticmethod
+    def force(stretch, viscous, relaxing):
+        """Force of both springs."""
+        return stretch - relaxing * viscous
+
+    @staticmethod
+    def energy(stretch, viscous, relaxing):
+        """Energy of both springs."""
+        return ((1 - relaxing) * stretch**2 + relaxing * (stretch - viscous) ** 2) / 2
