@@ -22,7 +22,10 @@ from farhorizon.files.storable import Storable
 _NAMES = ("update", "force", "energy", "damage")
 #: Stretches at which a law is tried: from rounding errors to a bond that is twice as long, or almost without length.
 _LEAST, _LONGEST, _SHORTEST, _TRIALS = 1e-9, 1.0, -0.9, 200
-_ROUNDING = 1e-6  # of difference quotients of functions that are smooth, over stretches of `_LEAST` or more, relative
+_APART = 1e-3  # relative distance of the stretches between which slopes are compared
+#: Words of Numba about arrays and lists where there is no memory for them.
+_OF_MEMORY = "NRT required", "Only accept returning of array"
+_ROUNDING = 1e-12  # relative error of a function of a few operations
 
 
 class BondLaw(Registered, Storable, ABC):
@@ -54,15 +57,17 @@ class BondLaw(Registered, Storable, ABC):
     ------
     InputError
         When a law is made: a function that Numba does not compile, or that takes memory; a force that is not a number,
-        is stiffer than the bond, or is not the derivative of the energy; a force up to `elastic_limit` that is not the stretch.
+        is stiffer than the bond, or is not the derivative of the energy, or differs from the stretch up to
+        `elastic_limit`.
     TypeError
-        When a class is defined without a force, or with a function that asks for what is not given or reads a variable.
+        When a class is defined without a force, or with a function that asks for what is not given or reads a
+        variable.
 
     Notes
     -----
     The energy that is lost as the history changes from h to h' is that at h less that at h', both at the present
     stretch and that a step ago, so that velocity Verlet balances energies to rounding where the energy is a square of
-    the stretch. As for all bonds with a law of their own, those within one reach of sides that are not free are springs.
+    the stretch. As for all bonds that may break, those within one reach of sides that are not free are springs.
 
     Examples
     --------
@@ -111,7 +116,7 @@ class BondLaw(Registered, Storable, ABC):
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]  # all laws that can be made are dataclasses
             kinds.set_fields(self, **{field.name: kinds.number(getattr(self, field.name), f"law.{field.name}")})
-        self._check()
+        self.check()
 
     @property
     def elastic_limit(self) -> float | None:
@@ -168,76 +173,79 @@ class BondLaw(Registered, Storable, ABC):
             before = stretch
         return {name: np.array([row[name] for row in rows], float) for name in (rows[0] if rows else ())}
 
-    def _check(self) -> None:
-        """Try the law: forces and energies are numbers, forces are no stiffer than the bond, and derivatives of the
-        energy.
-        """
+    def check(self, dt: float = 1.0, length: float = 1.0) -> None:
+        """Try the law for bonds of a length and a time step; raise the InputError of what cannot be used."""
         up = np.geomspace(_LEAST, _LONGEST, _TRIALS)
         down = np.geomspace(_LEAST, -_SHORTEST, _TRIALS)
         for stretches in (up, -down, np.concatenate([up, up[::-1], -down])):
-            course = self.course(stretches)
-            for name, values in course.items():
-                if not np.isfinite(values).all():
-                    at = stretches[~np.isfinite(values)][0]
-                    raise self._refused(f"the {name} is not a number at the stretch {at:.3g}", values[~np.isfinite(values)][0], "finite", "a value there, too")
-        limit = self.elastic_limit
-        if limit is not None:
-            low = np.concatenate([-down, up[up <= limit], [limit]])
-            course = self.course(low)
-            wrong = np.abs(course["force"] - low) > 1e-12 * np.abs(low)  # rounding
-            for name, value in self.history.items():
-                wrong |= course[name] != value
-            if wrong.any():
-                raise self._refused(
-                    f"up to elastic_limit a bond is a spring that remembers nothing, but not at the stretch {low[wrong][0]:.3g}",
-                    course["force"][wrong][0],
-                    f"{low[wrong][0]:.3g}",
-                    "elastic_limit = None, or a force equal to the stretch, and an update that returns the history, up to there",
-                )
-        self._check_slopes(up, down)
-
-    def _check_slopes(self, up: np.ndarray, down: np.ndarray) -> None:
-        """Compare forces at neighbouring stretches, and with the slopes of the energy, for histories that rest."""
-        functions = self.functions
-        for top in (0.0, 1e-4, 1e-2, up[-1]):
+            for name, values in self.course(stretches, dt, length).items():
+                wrong = ~np.isfinite(values)
+                if wrong.any():
+                    at = f"the stretch {stretches[wrong][0]:.3g} of a bond of length {length:.3g}, dt = {dt:.3g}"
+                    raise self._refused(f"{name} is not a number at {at}", values[wrong][0], "finite", "a value there")
+        if self.elastic_limit is not None:
+            self._check_spring(np.concatenate([-down, up[up <= self.elastic_limit], [self.elastic_limit]]), dt, length)
+        for top in (0.0, _LEAST, 1e-4, 1e-2, _LONGEST):
             history = dict(self.history)
-            if functions.update is not None and top:
-                course = self.course(np.linspace(0.1 * top, top, 10))
+            if history and top:
+                course = self.course(np.linspace(0.1 * top, top, 10), dt, length)
                 history = {name: float(course[name][-1]) for name in history}
-            given = {"before": top, "dt": 1.0, "length": 1.0, **self.arguments, **history}
-            for stretch in (*up[:: _TRIALS // 20], *-down[:: _TRIALS // 20]):
-                more = stretch * (1 + 1e-3)
-                low, high = (_called(functions, "force", given | {"stretch": s}) for s in (stretch, more))
-                slope = (high - low) / (more - stretch)
-                if slope > 1 + _ROUNDING + 1e-9 / abs(stretch):
-                    raise self._refused(
-                        f"the force is stiffer than the bond at the stretch {stretch:.3g}: steps would be unstable",
-                        f"{slope:.3g}",
-                        "at most 1 more force per stretch",
-                        "moduli that are those of the stiffest state",
-                    )
-                if functions.energy is None:
-                    if _called(functions, "force", given | {"stretch": 0.0}) != 0:
-                        raise self._refused(
-                            "a bond has a force without a stretch, so that its energy does not follow from the force",
-                            "no energy",
-                            "energy(stretch, ...)",
-                            "define it, so that its derivative is the force",
-                        )
-                    continue
-                rise = _called(functions, "energy", given | {"stretch": more}) - _called(functions, "energy", given | {"stretch": stretch})
-                scale = max(abs(low), abs(high), abs(stretch))
-                # a difference quotient of a curved energy has an error of second order in the step
-                if abs(rise / (more - stretch) - (low + high) / 2) > 1e-4 * scale + 1e-12 / abs(more - stretch):
-                    raise self._refused(
-                        f"the force is not the derivative of the energy at the stretch {stretch:.3g}",
-                        f"{low:.6g}",
-                        f"{rise / (more - stretch):.6g}",
-                        "an energy whose derivative by the stretch is the force, while the history rests",
-                    )
+            given = {"before": top, "dt": dt, "length": length, **self.arguments, **history}
+            self._check_slopes(given, np.concatenate([up, -down])[:: _TRIALS // 20])
+
+    def _check_spring(self, stretches: np.ndarray, dt: float, length: float) -> None:
+        """Refuse a law by which bonds are no springs at some stretches, or remember them."""
+        course = self.course(stretches, dt, length)
+        wrong = np.abs(course["force"] - stretches) > _ROUNDING * np.abs(stretches)
+        for name, value in self.history.items():
+            wrong |= course[name] != value
+        if wrong.any():
+            raise self._refused(
+                f"bonds up to elastic_limit are springs that remember nothing, but not at {stretches[wrong][0]:.3g}",
+                course["force"][wrong][0],
+                f"{stretches[wrong][0]:.3g}",
+                "force and update accordingly, or elastic_limit = None",
+            )
+
+    def _check_slopes(self, given: dict[str, float], stretches: np.ndarray) -> None:
+        """Compare forces at neighbouring stretches, and with the slopes of the energy, for a history that rests."""
+        functions = self.functions
+        at_rest = _called(functions, "force", given | {"stretch": 0.0})
+        if functions.energy is None and at_rest != 0:
+            raise self._refused(
+                "a bond has a force without a stretch, so that the energy does not follow from it",
+                f"{at_rest:.3g}",
+                "0, or energy(stretch, ...)",
+                "define an energy, of which the force is the derivative",
+            )
+        for less in stretches:
+            more = less * (1 + _APART)
+            low, high = (_called(functions, "force", given | {"stretch": stretch}) for stretch in (less, more))
+            rounding = _ROUNDING * max(abs(low), abs(high), _LEAST) / abs(more - less)
+            slope = (high - low) / (more - less)
+            if slope > 1 + rounding:
+                raise self._refused(
+                    f"the force is stiffer than the bond at the stretch {less:.3g}, so that the step may be unstable",
+                    f"slope {slope:.4g}",
+                    "1",
+                    "forces in units of the largest stiffness, and moduli that are those of it",
+                )
+            if functions.energy is None:
+                continue
+            first, last = (_called(functions, "energy", given | {"stretch": stretch}) for stretch in (less, more))
+            error = abs((last - first) / (more - less) - (low + high) / 2)
+            # the trapezoidal rule is exact for squares; for others its error is of second order
+            rounding = np.finfo(float).eps / abs(more - less)  # of an energy that is a difference of numbers up to 1
+            if error > _APART * max(abs(low), abs(high)) + rounding:
+                raise self._refused(
+                    f"the force is not the derivative of the energy at the stretch {less:.3g}",
+                    f"{low:.6g}",
+                    f"{(last - first) / (more - less):.6g}",
+                    "an energy of which the force is the derivative while the history rests",
+                )
 
     def _refused(self, what: str, value: Any, limit: str, remedy: str) -> InputError:
-        return InputError(f"{type(self).__name__}: {what}", value=value, limit=limit, key="law", remedy=remedy)
+        return InputError(f"{type(self).__name__}: {what}", value=value, limit=limit, key="model.law", remedy=remedy)
 
 
 def _parameters(law: type[BondLaw]) -> list[str]:
@@ -285,15 +293,23 @@ def _compiled(law: type[BondLaw]) -> BondFunctions:
         wanted = len(law.history) if name == "update" else 1
         result = made[name].nopython_signatures[0].return_type
         numbers = list(result) if isinstance(result, numba.types.BaseTuple) else [result]
-        if len(numbers) != wanted or not all(isinstance(kind, numba.types.Number) and kind != numba.types.complex128 for kind in numbers):
+        if len(numbers) != wanted or not all(
+            isinstance(kind, numba.types.Number) and kind != numba.types.complex128 for kind in numbers
+        ):
             raise InputError(
                 f"{law.__name__}.{name} does not return {wanted} number{'s' * (wanted > 1)}",
                 value=str(result),
                 limit=", ".join(law.history) if name == "update" else "a number",
-                key="law",
+                key="model.law",
                 remedy="return them in the order of history" if name == "update" else "return a number",
             )
-    return BondFunctions(**made, history=tuple(law.history), start=tuple(map(float, law.history.values())), parameters=tuple(_parameters(law)), arguments=tuple(arguments))
+    return BondFunctions(
+        **made,
+        history=tuple(law.history),
+        start=tuple(map(float, law.history.values())),
+        parameters=tuple(_parameters(law)),
+        arguments=tuple(arguments),
+    )
 
 
 def _without_memory(law: type[BondLaw], name: str, function: Callable[..., Any], number: Any, count: int) -> Any:
@@ -301,17 +317,22 @@ def _without_memory(law: type[BondLaw], name: str, function: Callable[..., Any],
     import numba
 
     try:
-        return numba.njit([(number,) * count], error_model="numpy", _nrt=False)(function)
+        compiler: Any = numba.njit
+        made = compiler([(number,) * count], error_model="numpy", _nrt=False)(function)
+        takes, reason = "NRT_" in next(iter(made.inspect_llvm().values())), ""
     except Exception as error:  # whatever it is, the law cannot be used
-        reason = str(error).strip()
-        takes = "NRT" in reason
-        raise InputError(
-            f"{law.__name__}.{name} takes memory" if takes else f"Numba does not compile {law.__name__}.{name}",
-            value="an array, a list or a text" if takes else next((line for line in reason.splitlines() if "rror" not in line and line.strip()), reason)[:120],
-            limit="numbers alone",
-            key="law",
-            remedy="scalar arithmetic, math, and functions with numba.njit",
-        ) from None
+        reason = str(error)
+        takes = any(words in reason for words in _OF_MEMORY)
+    if not (takes or reason):
+        return made
+    lines = [line.strip() for line in reason.splitlines() if line.strip() and not line.startswith("Failed in")]
+    raise InputError(
+        f"{law.__name__}.{name} takes memory" if takes else f"Numba does not compile {law.__name__}.{name}",
+        value="an array, a list or a text" if takes else lines[0] if lines else reason,
+        limit="numbers alone",
+        key="model.law",
+        remedy="scalar arithmetic, math, and functions with numba.njit",
+    )
 
 
 @dataclass(frozen=True)
@@ -356,18 +377,18 @@ class BilinearSoftening(BondLaw):
         return self.onset
 
     @staticmethod
-    def update(stretch, largest, onset):
+    def update(stretch: float, largest: float, onset: float) -> float:
         """Largest stretch beyond the onset so far."""
         return stretch if stretch > onset and stretch > largest else largest
 
     @staticmethod
-    def force(stretch, largest, onset, final):
+    def force(stretch: float, largest: float, onset: float, final: float) -> float:
         """Stretch times the secant of the curve at the largest stretch."""
         top = max(largest, onset)
         return stretch * (onset * max(final - top, 0.0) / (top * (final - onset)))
 
     @staticmethod
-    def damage(largest, onset, final):
+    def damage(largest: float, onset: float, final: float) -> float:
         """What the secant has lost."""
         top = max(largest, onset)
         return 1 - onset * max(final - top, 0.0) / (top * (final - onset))
@@ -415,19 +436,19 @@ class ExponentialSoftening(BondLaw):
         return self.onset
 
     @staticmethod
-    def update(stretch, largest, secant, onset, final):
+    def update(stretch: float, largest: float, secant: float, onset: float, final: float) -> tuple[float, float]:
         """Largest stretch beyond the onset so far, and the secant of the curve there."""
         if stretch > onset and stretch > largest:
             return stretch, onset / stretch * math.exp(-2 * (stretch - onset) / (final - onset))
         return largest, secant
 
     @staticmethod
-    def force(stretch, secant):
+    def force(stretch: float, secant: float) -> float:
         """Stretch times the secant of the curve at the largest stretch."""
         return stretch * secant
 
     @staticmethod
-    def damage(secant):
+    def damage(secant: float) -> float:
         """What the secant has lost."""
         return 1 - secant
 
@@ -440,8 +461,8 @@ def _check_onset(law: Any) -> None:
 class ViscoelasticBond(BondLaw):
     """Bonds of a standard linear solid: a spring beside a spring and a dashpot in series.
 
-    At a constant stretch the force relaxes from that of the spring to ``1 - relaxing`` of it, as ``exp(-t / time)``. The
-    moduli of the solid are those before relaxation, which fast waves see.
+    At a constant stretch the force relaxes to ``1 - relaxing`` of that of the spring, as ``exp(-t / time)``. The moduli
+    of the solid are those before relaxation, which fast waves see.
 
     Parameters
     ----------
@@ -478,16 +499,16 @@ class ViscoelasticBond(BondLaw):
         super().__post_init__()
 
     @staticmethod
-    def update(stretch, before, viscous, dt, time):
+    def update(stretch: float, before: float, viscous: float, dt: float, time: float) -> float:
         """Stretch of the dashpot a step later."""
         return viscous + dt * (stretch + before - 2 * viscous) / (2 * time + dt)
 
     @staticmethod
-    def force(stretch, viscous, relaxing):
+    def force(stretch: float, viscous: float, relaxing: float) -> float:
         """Force of both springs."""
         return stretch - relaxing * viscous
 
     @staticmethod
-    def energy(stretch, viscous, relaxing):
+    def energy(stretch: float, viscous: float, relaxing: float) -> float:
         """Energy of both springs."""
         return ((1 - relaxing) * stretch**2 + relaxing * (stretch - viscous) ** 2) / 2

@@ -130,7 +130,9 @@ class Tile:
 
     def parameter(self, number: int) -> Any:
         """One parameter of a law that is a function."""
-        return self.builder.load(self.vectors.pointer(self.builder.add(self.at.parameters, I64(8 * number)), ir.DoubleType()))
+        return self.builder.load(
+            self.vectors.pointer(self.builder.add(self.at.parameters, I64(8 * number)), ir.DoubleType())
+        )
 
     def of_rows(self, start: Any, used: bool) -> list[Any]:
         """Values of each row in an array of nodes that begins at `start`, if they are used."""

@@ -101,6 +101,10 @@ class BreakableBonds:
         self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
         self.regions = regions
         self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))  # of the weakest bonds of all
+        if law.law is not None:
+            lengths = near.lattice.spacing * np.linalg.norm(near.stencil.offsets, axis=1)
+            for length in (lengths.min(), lengths.max()):
+                law.law.check(near.dt, float(length))
         self.begin()
         self.families = self.left()  # number of bonds of each node, uncut; of the lattice's shape
         if law.fracture_energy is not None and law.energy_factor is not None:
