@@ -10,6 +10,7 @@ from farhorizon.boundaries import FirstOrder as FirstOrder
 from farhorizon.boundaries import Fixed as Fixed
 from farhorizon.boundaries import Free as Free
 from farhorizon.boundaries import Higdon as Higdon
+from farhorizon.boundaries import Impedance as Impedance
 from farhorizon.boundaries import LatticePML as LatticePML
 from farhorizon.boundaries import NonlocalPML as NonlocalPML
 from farhorizon.boundaries import Periodic as Periodic

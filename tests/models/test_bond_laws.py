@@ -142,7 +142,7 @@ def test_a_bond_relaxes_as_its_closed_form_tells():
     q = top * (1 - tau / dt * np.expm1(dt / tau) * np.exp(-t / tau))
     np.testing.assert_allclose(energies["strain"][2:], ((1 - m) * top**2 + m * (top - q) ** 2) / 2, rtol=2e-4)
     lost = energies["broken"][2:] - energies["broken"][2]
-    np.testing.assert_allclose(lost, m * ((top - q[0]) ** 2 - (top - q) ** 2) / 2, rtol=0, atol=2e-4 * m * top**2 / 2)
+    np.testing.assert_allclose(lost, m * ((top - q[0]) ** 2 - (top - q) ** 2) / 2, rtol=0, atol=4e-4 * m * top**2 / 2)
     assert energies["broken"][-1] == pytest.approx(m * top**2 / 2, rel=0.05)  # less while the stretch rises
 
 
