@@ -220,7 +220,7 @@ CASES |= {
         ALONG_X,
     ),
     "viscoelastic bonds": (torn(law=fh.ViscoelasticBond(0.4, 0.5), nonlinear=True), ALONG_X),
-    "bonds that soften by a function": (torn(law=fh.ExponentialSoftening(0.004, 0.02)), ALONG_Y),
+    "bonds that soften by a function": (torn(law=fh.ExponentialSoftening(0.004, 0.02), nonlinear=True), ALONG_Y),
     "states that break": (  # four boxes along x, each wider than the filter of the layers, which takes 24 nodes
         torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based"),
         ALONG_Y,

@@ -76,7 +76,7 @@ class Impedance(Free):
             )
 
     def node_rule(self, axis: int, components: int) -> np.ndarray:
-        """Return the stiffness and the viscosity per area of each component at the last nodes, shape (2, components)."""
+        """Return stiffness and viscosity per area of each component at the last nodes, shape (2, components)."""
         along = self.stiffness, self.viscosity
         across = [
             normal if given is None else given

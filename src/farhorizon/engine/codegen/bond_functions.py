@@ -173,7 +173,7 @@ class Response:
         scalars = [self.dt, length, *self.parameters]
         result = types.UniTuple(types.float64, len(lane.returns))
         signature = result(*[types.float64] * (len(lane.takes) + len(scalars)))
-        flags = Flags()
+        flags: Any = Flags()
         flags.error_model = "numpy"
         # without Numba's cache, which knows a function by its text alone
         compiled = self.context.compile_subroutine(builder, lane.function, signature, flags=flags, caching=False)
@@ -207,11 +207,12 @@ class Response:
         return self.wide(tile.bond_stretch(tile.mechanical(ago, bond, row, curved)))
 
     def __call__(
-        self, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, alive: Any
+        self, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, pull: Any, curved: Any, alive: Any
     ) -> tuple[Any, Any]:
-        """Factor of the direction in the force of bonds that are `curved`, and mask of those that end.
+        """Factor of the direction in the force, which is `pull` for springs, and mask of bonds that end.
 
-        `material` is xi, ``1 / |xi|^2`` and c. Rows that do not exist repeat the last one: its history moves once.
+        `material` is xi, ``1 / |xi|^2`` and c; bonds that are not `curved` are springs. Rows that do not exist repeat
+        the last one: its history moves once.
         """
         tile, builder, functions = self.tile, self.builder, self.functions
         stretch = tile.bond_stretch(e)
@@ -237,17 +238,20 @@ class Response:
         with builder.if_then(tile.any(builder.and_(busy, curved))):
             given["before"] = self.before(bond, row, material, curved) if functions.needs_before else given["stretch"]
             new = self.call(advance(functions), length, given | old)
-            responded = builder.select(busy, self.narrow(new.pop("force")), stretch)
+            force = self.narrow(new.pop("force"))
+            if tile.law.nonlinear:
+                # c |xi| f along the deformed bond, whose length is sqrt(1 + e) |xi|
+                force = builder.fdiv(force, tile.call("sqrt", builder.fadd(e, tile.constant(1.0))))
+            # springs rest as they are in intact tiles, to the last bit
+            responds = builder.and_(busy, curved)
+            responded = builder.select(responds, builder.fmul(material[2], force), pull)
             ended = self._remember(bond, row, material, length, curved, (given, old, new, places))
             computed = builder.block
-        force, ends = builder.phi(stretch.type), builder.phi(none.type)
-        for phi, value, otherwise in ((force, responded, stretch), (ends, ended, none)):
+        factor, ends = builder.phi(pull.type), builder.phi(none.type)
+        for phi, value, otherwise in ((factor, responded, pull), (ends, ended, none)):
             phi.add_incoming(value, computed)
             phi.add_incoming(otherwise, entry)
-        if tile.law.nonlinear:
-            # c |xi| f along the deformed bond, whose length is sqrt(1 + e) |xi|
-            force = builder.fdiv(force, tile.call("sqrt", builder.fadd(e, tile.constant(1.0))))
-        return builder.fmul(material[2], force), ends
+        return factor, ends
 
     def _remember(
         self,
@@ -302,13 +306,13 @@ def function_sweep(law: BondLaw, functions: BondFunctions) -> Any:
     """Compiled sweep of a damaged tile whose bonds have such a law; it lives as long as the program."""
 
     @intrinsic
-    def sweep(typingctx, at, shape, a, b, limit):
+    def sweep(typingctx: Any, at: Any, shape: Any, a: Any, b: Any, limit: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             return damaged_tile(builder, unpacked(builder, args), law, lambda tile: Response(tile, functions, context))
 
         return bond_signature(law.real), codegen
 
-    def damaged(at, shape, a, b, limit):
+    def damaged(at: Any, shape: Any, a: Any, b: Any, limit: Any) -> Any:
         return sweep(at, shape, a, b, limit)
 
     return numba.cfunc(bond_signature(law.real))(damaged)

@@ -454,8 +454,7 @@ def damaged_tile(
             left, over = _soften(tile, bond, row, (xi, inverse, stiffness), e, curved, over)
             pull = builder.fmul(pull, left)
         if respond is not None:
-            own, over = respond(bond, row, (xi, inverse, stiffness), e, curved, alive)
-            pull = builder.select(curved, own, pull)
+            pull, over = respond(bond, row, (xi, inverse, stiffness), e, pull, curved, alive)
         factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         if law.contact:
             closes = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.at.closing, bond, row)[1], bit), unset)
