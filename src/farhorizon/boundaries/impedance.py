@@ -38,11 +38,11 @@ class Impedance(Free):
 
     Notes
     -----
-    The forces act on the last nodes, as a `Traction` does. The scheme stays below the energy of its first step with any
-    viscosity, because dashpots see the mean velocity over two steps; springs shorten the largest step. A bar of the
-    impedance ``Z0 = rho c`` reflects ``R = (Z0 - Z) / (Z0 + Z)`` of the displacement of long waves of the frequency w,
-    with ``Z = eta + i k / w`` for ``exp(-i w t)``. What dashpots take is missing in `Simulation.balance` as what is lost
-    at absorbing sides; springs store "support".
+    The forces act on the last nodes, as those of a `Traction` do. Dashpots see the mean velocity over two steps, so
+    that they never supply energy; springs shorten the largest step. A bar of the impedance ``Z0 = rho c`` reflects ``R
+    = (Z0 - Z) / (Z0 + Z)`` of the displacement of long waves of the frequency w, with ``Z = eta + i k / w`` for
+    ``exp(-i w t)``. What dashpots take is "lost" in `Simulation.balance`, as at absorbing sides; springs store
+    "support". Correspondence materials require a stabilisation.
 
     Examples
     --------
