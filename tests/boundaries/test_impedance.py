@@ -188,6 +188,31 @@ def test_checkpoints_continue(tmp_path):
     np.testing.assert_array_equal(sim.fields["u"], again.fields["u"])
 
 
+@pytest.mark.parametrize("constant", ["speed", "density"])
+def test_gradients_are_those_of_differences(constant):
+    """Springs and dashpots are reciprocal, also where the medium of their own nodes changes."""
+    lattice = fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0))
+    receivers = fh.Receivers([(3.0, -5.0), (-3.0, -4.0)])
+    sides = {"x": fh.Free(), "y-": fh.Impedance(0.5, 0.8), "y+": fh.Free()}
+    sources = [fh.PointSource((0.3, 0.2), time=fh.Ricker(0.15))]
+
+    def setup(place=None, change=0.0):
+        constants = {"speed": np.ones(lattice.shape), "density": np.ones(lattice.shape)}
+        if place is not None:
+            constants[constant][place] += change
+        return fh.Setup(lattice, fh.Wave(fh.Kernel(1.0), **constants), sides, {}, sources=sources, dt=0.1)
+
+    def misfit(place, change):
+        seen = fh.Receivers(receivers.points)
+        fh.Simulation.of(setup(place, change), [seen]).run(12.0, progress=False)
+        return (seen.data["u"] ** 2).sum() / 2
+
+    found = fh.gradient(setup(), fh.LeastSquares(receivers, np.zeros((121, 2))), wrt=constant, until=12.0)
+    for place in ((12, 0), (8, 1), (12, 6)):
+        difference = (misfit(place, 1e-4) - misfit(place, -1e-4)) / 2e-4
+        assert found[constant][place] == pytest.approx(difference, rel=1e-5)
+
+
 # --- cases and bad input ------------------------------------------------------------------------------------------
 
 CASE = """

@@ -137,7 +137,7 @@ def check_linear(setup: Setup, asked: Asked) -> None:
             raise InputError(
                 "the side is not reciprocal: a wave from A arrives at B otherwise than one from B at A",
                 value=type(boundary).__name__,
-                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Periodic",
+                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Impedance, Periodic",
                 key=f"boundary.{side_name(axis, side)}",
                 remedy="LatticePML(), which continues the infinite lattice",
             )

@@ -291,8 +291,8 @@ def _compiled(law: type[BondLaw]) -> BondFunctions:
         arguments.append((name, names))
         made[name] = _without_memory(law, name, function, numba.types.float64, len(names))
         wanted = len(law.history) if name == "update" else 1
-        result = made[name].nopython_signatures[0].return_type
-        numbers = list(result) if isinstance(result, numba.types.BaseTuple) else [result]
+        result: Any = made[name].nopython_signatures[0].return_type
+        numbers = [*result] if _is_tuple(result) else [result]
         if len(numbers) != wanted or not all(
             isinstance(kind, numba.types.Number) and kind != numba.types.complex128 for kind in numbers
         ):
@@ -310,6 +310,12 @@ def _compiled(law: type[BondLaw]) -> BondFunctions:
         parameters=tuple(_parameters(law)),
         arguments=tuple(arguments),
     )
+
+
+def _is_tuple(result: Any) -> bool:
+    import numba
+
+    return isinstance(result, numba.types.BaseTuple)
 
 
 def _without_memory(law: type[BondLaw], name: str, function: Callable[..., Any], number: Any, count: int) -> Any:
@@ -480,6 +486,7 @@ class ViscoelasticBond(BondLaw):
     -----
     The stretch q of the dashpot follows ``q' = (s - q) / time`` by the trapezoidal rule, of second order in the time
     step. In a step ``relaxing dt / time`` times the squared mean of ``s - q`` is lost, never less than nothing.
+    Absorbing sides continue the solid before relaxation.
 
     Examples
     --------

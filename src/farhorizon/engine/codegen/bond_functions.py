@@ -312,7 +312,9 @@ def function_sweep(law: BondLaw, functions: BondFunctions) -> Any:
 
         return bond_signature(law.real), codegen
 
+    call: Any = sweep  # as Numba does, without the typing context
+
     def damaged(at: Any, shape: Any, a: Any, b: Any, limit: Any) -> Any:
-        return sweep(at, shape, a, b, limit)
+        return call(at, shape, a, b, limit)
 
     return numba.cfunc(bond_signature(law.real))(damaged)
