@@ -248,6 +248,8 @@ def test_bad_cases_of_impedances(old, new, words):
 
 
 def test_where_impedances_are_not_available():
+    with pytest.raises(fh.InputError, match=r"boundary\.viscosity"):
+        fh.Impedance(1.0, None)
     bar = fh.Lattice(0.5, 0.0, 9.0)
     with pytest.raises(fh.InputError, match=r"boundary\.x-: .* a side of waves and solids; .*remedy: .*Convection"):
         fh.Simulation(bar, fh.Diffusion(fh.Kernel(0.5)), fh.Impedance(1.0))

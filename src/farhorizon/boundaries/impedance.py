@@ -62,10 +62,12 @@ class Impedance(Free):
 
     def __post_init__(self) -> None:
         given = {field.name: getattr(self, field.name) for field in fields(self)}
-        numbers = {name: value for name, value in given.items() if value is not None}
-        kinds.set_fields(
-            self, **{name: kinds.number(value, f"boundary.{name}", least=0) for name, value in numbers.items()}
-        )
+        numbers = {
+            name: kinds.number(value, f"boundary.{name}", least=0)
+            for name, value in given.items()
+            if value is not None or not name.startswith("tangential")
+        }
+        kinds.set_fields(self, **numbers)
         if not any(numbers.values()):
             raise InputError(
                 "neither springs nor dashpots",
