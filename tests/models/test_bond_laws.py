@@ -286,6 +286,32 @@ def test_threads_and_checkpoints_change_nothing(name, tmp_path):
         fh.Simulation(lattice, other, fh.Free(), start, cracks=cracks, balance=True, dt=0.1).load(tmp_path / "a.ckpt")
 
 
+@pytest.mark.slow  # like all tests of single precision
+@pytest.mark.parametrize("name", LAWS)
+def test_single_precision(name):
+    """The fields agree to the precision of float32."""
+    runs = []
+    for real in ("float64", "float32"):
+        model = fh.Elastic(fh.Kernel(2 * SPACING, 1), 1.0, law=LAWS[name])
+        runs.append(fh.Simulation(box(), model, fh.Free(), dtype=real, **blast(box(), 0.15)).run(8.0, progress=False))
+    one, two = (sim.fields["u"] for sim in runs)
+    np.testing.assert_allclose(two, one, rtol=0, atol=1e-4 * np.abs(one).max())
+
+
+def test_functions_know_step_and_length():
+    """A bond that remembers how long it has been stretched by more than 1 %, and is softer the longer it is."""
+    law = defined(
+        lambda stretch, length, age: stretch / (1 + length + age),
+        history={"age": 0.0},
+        update=lambda stretch, before, age, dt: age + dt * (min(stretch, before) > 0.01),
+    )()
+    stretches = np.where(np.arange(40) < 10, 0.0, 0.02)
+    energies, dt = pulled(law, stretches)
+    age = dt * np.maximum(np.arange(40) - 10, 0)
+    stored = stretches**2 / (1 + SPACING + age) / 2
+    np.testing.assert_allclose(energies["strain"][12:40], stored[11:39], rtol=1e-9)
+
+
 def test_asking_for_forces_leaves_histories():
     """What is computed from a state between steps must not move it."""
     lattice = box()
@@ -406,8 +432,10 @@ def test_laws_that_cannot_be_used(force, functions, words):
 
 def test_laws_that_depend_on_what_is_not_given():
     bound = 0.3
-    with pytest.raises(TypeError, match=r"asks for strain, which is not given; there are stretch, before"):
+    with pytest.raises(TypeError, match=r"asks for strain, which is not given; there are stretch, length"):
         defined(lambda strain: strain)
+    with pytest.raises(TypeError, match=r"Defined.force asks for before"):
+        defined(lambda stretch, before: stretch - before)
     with pytest.raises(TypeError, match="reads the variable SOFT"):
         defined(lambda stretch: SOFT * stretch)
     with pytest.raises(TypeError, match="reads the variable bound"):

@@ -15,7 +15,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.arguments import Duration, Registered
-from farhorizon.engine.codegen.bond_functions import GIVEN, BondFunctions
+from farhorizon.engine.codegen.bond_functions import GIVEN, OF_STEP, BondFunctions
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 
@@ -33,13 +33,14 @@ class BondLaw(Registered, Storable, ABC):
 
     A user-defined law is a frozen dataclass that derives from this class. Its fields are numbers, the keys of its table
     in case files. Forces are in units of the bond's stiffness, which follows from the moduli of the solid: a spring has
-    ``force = stretch``. The functions are static methods, whose arguments are asked for by name: `stretch`, numbers
-    from `history`, fields, and `dt`, `length` and `before`, the time step, the length of the bond and its stretch a
-    step ago. They compute with numbers alone, and call only what Numba compiles without memory of its own.
+    ``force = stretch``. The functions are static methods, whose arguments are asked for by name: `stretch`, the
+    `length` of the bond, numbers from `history`, and fields. They compute with numbers alone, and call only what Numba
+    compiles without memory of its own.
 
-    ``force(stretch, ...)`` is required. ``update(stretch, ...)`` returns the next history, once a step. ``energy(
-    stretch, ...)`` is stored, so that its derivative is the force; half the force times the stretch unless given.
-    ``damage(...)`` is the fraction of the stiffness that is lost; a bond with 1 breaks.
+    ``force(stretch, ...)`` is required. ``update(stretch, ...)`` returns the next history, once a step; it may also ask
+    for the time step `dt` and for the stretch `before`, a step ago. ``energy(stretch, ...)`` is stored, so that its
+    derivative is the force; half the force times the stretch unless given. ``damage(...)`` is the fraction of the
+    stiffness that is lost; a bond with 1 breaks.
 
     Attributes
     ----------
@@ -100,8 +101,9 @@ class BondLaw(Registered, Storable, ABC):
             raise TypeError(f"{cls.__name__} needs a static method force(stretch, ...)")
         if cls.history and getattr(cls, "update", None) is None:
             raise TypeError(f"{cls.__name__} has a history, so that it needs a static method update(stretch, ...)")
-        given = [*GIVEN, *cls.history, *_parameters(cls)]
         for name, function in _functions(cls).items():
+            # forces and energies of a history that rests depend on the present stretch alone
+            given = [*GIVEN, *(OF_STEP if name == "update" else ()), *cls.history, *_parameters(cls)]
             unknown = [argument for argument in inspect.signature(function).parameters if argument not in given]
             if unknown:
                 raise TypeError(

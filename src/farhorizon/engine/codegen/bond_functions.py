@@ -22,9 +22,9 @@ from numba.extending import intrinsic
 from farhorizon.engine.codegen.bond_sweeps import LANES, BondLaw, Tile, bond_signature, damaged_tile, unpacked
 from farhorizon.engine.codegen.vectors import I64
 
-#: What a function of a law may ask for by name, beside its history and its parameters: the stretch, that of the step
-#: before, the time step, and the length of the bond.
-GIVEN = ("stretch", "before", "dt", "length")
+#: What a function of a law may ask for by name, beside its history and its parameters: the stretch and the length of
+#: the bond; for the step from one history to the next also the stretch of the step before, and the time step.
+GIVEN, OF_STEP = ("stretch", "length"), ("before", "dt")
 
 
 class BondFunctions(NamedTuple):
@@ -45,8 +45,8 @@ class BondFunctions(NamedTuple):
 
     @property
     def needs_before(self) -> bool:
-        """Whether the history or the force depends on the stretch of the step before."""
-        return any("before" in names for name, names in self.arguments if name != "energy")
+        """Whether the history depends on the stretch of the step before."""
+        return "before" in dict(self.arguments).get("update", ())
 
 
 def _made(functions: BondFunctions, lines: list[str]) -> Any:
