@@ -88,6 +88,10 @@ class Bonds(NamedTuple):
     residual_stiffness: np.ndarray = reals(0, 0)
     #: of nodes, or empty: stretch at which softening bonds have lost all stiffness; the smaller of both ends counts
     final: np.ndarray = reals(0)
+    #: (numbers of a history * K, places of the core), or empty: what bonds remember whose law is a function
+    history: np.ndarray = reals(0, 0)
+    #: of such a law, or empty: 1 while histories rest, else 0, the time step, then its own
+    parameters: np.ndarray = doubles(0)
     #: (K, 3), or empty if bonds break by their stretch: energy lost with a bond at a critical stretch of 1, per unit of
     #: each modulus of one end, in units of the update, see `engine.release`
     released: np.ndarray = doubles(0, 3)
@@ -347,6 +351,8 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(bonds.thermal_strain.ctypes.data + node * size),
                 np.int64(bonds.residual_stiffness.ctypes.data + node * size),
                 np.int64(bonds.final.ctypes.data + node * size),
+                np.int64(bonds.history.ctypes.data + node * size),
+                np.int64(bonds.parameters.ctypes.data),
                 np.int64(bonds.broken[i0, tile_row].ctypes.data),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),

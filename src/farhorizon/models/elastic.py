@@ -17,6 +17,7 @@ from farhorizon import kinds
 from farhorizon.arguments import Frequency, Unit
 from farhorizon.engine.codegen.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
+from farhorizon.medium.bond_laws import BondLaw
 from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states, energy_of_bonds
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.fracture import stretch_that_spends
@@ -96,6 +97,9 @@ class Elastic(LatticeModel):
         For bond-based materials with a critical stretch and a fracture energy: bonds do not break at that stretch but
         begin to soften there (by a bilinear or an exponential law), so that a new crack absorbs the fracture energy;
         they unload along the secant.
+    law : BondLaw, optional
+        For bond-based materials: the law of bonds as a function, which says when they break, instead of a critical
+        stretch, a fracture energy and softening.
     contact : bool, optional
         Bonds that are cut or broken transmit compression when they are shorter than initially, so that the faces of a
         closing crack do not pass through each other; not available for finite elements. In state-based and
@@ -171,6 +175,7 @@ class Elastic(LatticeModel):
         critical_stretch: Constant | None = None,
         fracture_energy: Annotated[Constant | None, Unit("J/m^2")] = None,
         softening: str | None = None,
+        law: BondLaw | None = None,
         contact: bool | None = None,
         integrator: str | Integrator = "verlet",
     ) -> None:
@@ -188,6 +193,9 @@ class Elastic(LatticeModel):
         if softening is not None:
             kinds.one_of(softening, "model.softening", SOFTENINGS, "unknown softening")
         self.softening = softening
+        if law is not None:
+            kinds.instance(law, "model.law", BondLaw, "a law of bonds", remedy=", ".join(sorted(BondLaw.known)))
+        self.law = law
         self.contact = self.nonlinear if contact is None else kinds.flag(contact, "model.contact")
         self._check_law()
         self.damping = kinds.number(damping, "model.damping", least=0)
@@ -231,9 +239,16 @@ class Elastic(LatticeModel):
             )
         for name, value in self._strength.items():
             setattr(self, name, material_constant(value, f"model.{name}"))
-        flags = {"nonlinear": self.nonlinear, "contact": self.contact, "softening": self.softening}
+        flags = {"nonlinear": self.nonlinear, "contact": self.contact, "softening": self.softening, "law": self.law}
         given = [*(name for name, value in flags.items() if value), *self._strength]
-        of_bonds = [name for name in ("nonlinear", "softening") if flags[name]]
+        if self.law is not None and (self._strength or self.softening):
+            raise InputError(
+                "a law says itself when bonds soften and break",
+                value=self.softening or next(iter(self._strength.values())),
+                key="model.softening" if self.softening else f"model.{next(iter(self._strength))}",
+                remedy="leave it out, or leave law out",
+            )
+        of_bonds = [name for name in ("nonlinear", "softening", "law") if flags[name]]
         served, asked = (("bond-based",), of_bonds) if of_bonds else (_BREAKABLE, given)
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
@@ -267,7 +282,7 @@ class Elastic(LatticeModel):
     @property
     def bondwise(self) -> bool:
         """Whether bonds follow individual laws of stretch: nonlinear, breaking, closing or thermally strained."""
-        return self.nonlinear or self.contact or self.warm or bool(self._strength)
+        return self.nonlinear or self.contact or self.warm or self.law is not None or bool(self._strength)
 
     @property
     def bond_law(self) -> Elastic | None:
@@ -302,11 +317,19 @@ class Elastic(LatticeModel):
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
         model.nonlinear, model.contact, model.critical_stretch, model.fracture_energy = False, False, None, None
-        model.softening, model.warm = None, False
+        model.softening, model.law, model.warm = None, None, False
         return model
 
     def heated(self, coupled: bool = False) -> Elastic:
         """The same material with thermal strains: its bonds are then computed one by one."""
+        if self.law is not None:
+            raise InputError(
+                "thermal strain is available only for bonds whose law is built in",
+                value=type(self.law).__name__,
+                limit="critical_stretch, fracture_energy, softening",
+                key="load",
+                remedy="leave model.law out",
+            )
         if self.material not in _BREAKABLE or not isinstance(self.kernel, Kernel) or self.nonlinear:
             raise InputError(
                 "thermal strain is available only for solids of bonds or states with small strains",
@@ -333,7 +356,8 @@ class Elastic(LatticeModel):
 
     def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
         """The stretch at which bonds break: the given one, or that from the fracture energy and the bonds of the
-        lattice; infinite if neither is given.
+        lattice; infinite if neither is given. The elastic limit of a law that is a function, minus infinity if it has
+        none.
 
         For a bond-based material, the energy of the bonds across a plane, averaged over its directions
         (`medium.fracture.fracture_energy`), equals the fracture energy. That of a crack along an axis of the lattice
@@ -358,6 +382,8 @@ class Elastic(LatticeModel):
         InputError
             A fracture energy for which the energy spent by a running crack has not been computed yet.
         """
+        if self.law is not None:
+            return -np.inf if self.law.elastic_limit is None else self.law.elastic_limit
         if self.critical_stretch is not None:
             return self.critical_stretch * strength
         if self.fracture_energy is None:

@@ -17,6 +17,7 @@ from farhorizon import kinds
 from farhorizon.arguments import ANY, Function, OfRegions, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
+from farhorizon.medium import bond_laws
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, ModifiedEquation, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
@@ -44,6 +45,7 @@ class BondLaw(Protocol):
     warm: bool
     density: float
     softening: str | None
+    law: bond_laws.BondLaw | None  # that is a function
     fracture_energy: Any
     energy_factor: float | None
 

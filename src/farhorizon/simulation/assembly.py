@@ -281,7 +281,7 @@ def assembled(
     if team or setup.cracks or layered.layers or closing or ends_somewhere or law is not None:
         _cut(setup, cuts, breaking, exterior.notes)
     held, fixed_rim = np.zeros(0, np.int64), setup.rim == "fixed"
-    damped = conditioned or any(side.damped for side in sides.values())
+    damped = conditioned or near.supports is not None or any(side.damped for side in sides.values())
     if damped or fixed_rim or grid.walled or grid.engine.absent.outside.size:
         held = hold_and_damp(near, layered, cuts, fixed_rim)
     ends = exact_ends_of(near, sides, grid) if any(side.exact for side in sides.values()) else None

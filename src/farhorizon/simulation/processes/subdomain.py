@@ -199,7 +199,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
             raise InputError(
                 f"sides of the kind {side.label} are not computed on several processes yet: {why}",
                 key=f"boundary.{side_name(*at)}",
-                limit="LatticePML, Sponge, Fixed, Free, Periodic",
+                limit="LatticePML, Sponge, Fixed, Free, Impedance, Periodic",
                 remedy="LatticePML, or one process",
             )
 

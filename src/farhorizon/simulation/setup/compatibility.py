@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from farhorizon.boundaries import names
+from farhorizon.boundaries import Side, names
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.cracks import cut_bonds
@@ -81,7 +81,8 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
         (setup.balance, "balance", True, 'leave it out, or integrator = "verlet"'),
     ]
     for place, side in sides.items():
-        one_stage = side.exact or side.closing or side.damped or side.derivatives
+        supports = type(side).node_rule is not Side.node_rule
+        one_stage = side.exact or side.closing or side.damped or side.derivatives or supports
         name = type(side).__name__
         instead = "LatticePML, Extended, Free, Fixed, Periodic"
         refused.append((one_stage, f"boundary.{side_name(*place)}", name, instead))
