@@ -109,6 +109,7 @@ class BondZone:
             contact=contact and forces,
             thermal=warm,
             softening=softening,
+            surface=len(engine.absent.excess) if forces else 0,
         )
         released, bounds = self._energies(spacing)
         spread = {
@@ -136,6 +137,8 @@ class BondZone:
             released=released,
             bounds=bounds,
             room=np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2])),
+            excess=engine.absent.excess.astype(engine.dtype),
+            cosines=(engine.absent.cosines / 2).astype(engine.dtype),
             **spread,
         )
         if not forces:
@@ -232,6 +235,8 @@ class BondZone:
         damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
         for residual_stiffness in self.table.residual_stiffness:
             damaged |= residual_stiffness[block.node_indices()] < 1
+        if self.table.forces:
+            damaged[tuple(block.coordinates(self.engine.absent.stiffened[0]).T)] = True
         for axis, m in enumerate(self.engine.layout.reach):
             i = np.arange(block.nodes[axis])
             damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
@@ -358,7 +363,8 @@ class BondZone:
         bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
         table, material = self.table, self.engine.tables.material
         if not table.forces:
-            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive)
+            none = table.excess[:0]
+            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive, excess=none)
             material = material._replace(coefficient=table.contact_stiffness)
         total = laws.strain_energy(
             self.engine.current,

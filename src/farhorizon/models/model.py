@@ -363,6 +363,11 @@ class LatticeModel:
         return None
 
     @property
+    def stiffens_surfaces(self) -> bool:
+        """Whether bonds of nodes that lack some are stiffer than others."""
+        return False
+
+    @property
     def cuttable(self) -> bool:
         """Whether bonds may be absent: cut by cracks, beyond free sides, or outside a body."""
         return self.bonds

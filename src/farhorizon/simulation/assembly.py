@@ -34,6 +34,7 @@ from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_
 from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
+from farhorizon.simulation.setup.surface_springs import stiffen_surfaces
 from farhorizon.simulation.sides.extension import Emitters, extend
 from farhorizon.simulation.sides.exterior import Exterior, changes
 from farhorizon.simulation.sides.held_and_damped import check_conditions, hold_and_damp
@@ -261,6 +262,8 @@ def assembled(
     closure = outline_condition(near, sides, grid, start.solid) if closing else None
     free_rim = setup.lattice.body is not None and setup.rim == "free"
     cuts = CutBonds(near, layered, grid, closure, free_rim, exterior.notes)
+    if setup.model.stiffens_surfaces:
+        stiffen_surfaces(cuts)
     law = setup.model.bond_law
     incident = [incidence(wave, near, sides, exterior.notes) for wave in surveyed.waves]
     if incident or (near.varies and signals(setup)):
