@@ -177,6 +177,9 @@ def survey(
 
 def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> RunParts:
     """Return the parts of a run on one process; see `assembled`."""
+    if setup.model.bonds and setup.model.stiffens_surfaces:  # how fast linear bonds oscillate limits the step
+        linear = assembled(replace(setup, model=setup.model.linearised, dt=None), margins_given=margins_given)
+        return assembled(setup, stiffening(linear.near, linear.grid, ALONE), margins_given=margins_given)
     return _stiffened(
         setup, ALONE, lambda stiffer: assembled(setup, stiffer, margins_given=margins_given), lambda parts: parts
     )
