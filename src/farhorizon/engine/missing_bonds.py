@@ -66,6 +66,14 @@ class AbsentBonds:
         nodes, neighbours = np.concatenate(ends, axis=1)
         self.stiffened = nodes, neighbours, np.concatenate(weights)
 
+    def factors_at_surfaces(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Factors of the springs between some places by `stiffen`."""
+        if not len(self.excess):
+            return np.ones(len(nodes))
+        bonds = self.engine.layout.bonds_between(nodes, neighbours)
+        both = self.excess[:, nodes] + self.excess[:, neighbours]
+        return np.asarray(1 + np.einsum("km,mk->k", self.cosines[bonds], both) / 2)
+
     def _with_stiffened(self, cut: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
         """Add to the bonds that are absent those with a factor, unless they are absent, too, or swept bit by bit."""
         nodes, neighbours, _ = self.stiffened

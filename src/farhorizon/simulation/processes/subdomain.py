@@ -189,6 +189,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
             setup.heat is not None and setup.heat.coupled,
         ),
         ("sponges beside media that vary", "boundary", varies(setup) and damped),
+        ("surfaces that are corrected", "model.surface", setup.model.stiffens_surfaces),
     ]
     for what, key, given in refused:
         if given:

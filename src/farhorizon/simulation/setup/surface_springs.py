@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES
 from farhorizon.medium.surface import excess, products
 from farhorizon.simulation.setup.cuts import CutBonds
+from farhorizon.simulation.setup.setup import side_name
 
 
 def stiffen_surfaces(cuts: CutBonds) -> None:
@@ -24,4 +27,21 @@ def stiffen_surfaces(cuts: CutBonds) -> None:
     numbers = excess(has_bond, energies, cosines)
     numbers[has_bond.all(1)] = 0.0
     of_nodes = numbers[kinds.ravel()].T.reshape(-1, *nodes.shape)
+    _check_entrances(cuts, of_nodes)
     engine.absent.stiffen(np.stack([engine.spread(values, jointly=True) for values in of_nodes]) * exists, cosines)
+
+
+def _check_entrances(cuts: CutBonds, of_nodes: np.ndarray) -> None:
+    """Refuse numbers that change along the normal within one reach of a layer, which continues the last of them."""
+    lead, reach = cuts.grid.lead, cuts.grid.engine.layout.reach
+    for axis, side in cuts.layered.layers:
+        last = np.moveaxis(of_nodes, 1 + lead + axis, 1)[:, ::-side][:, : reach[lead + axis] + 1]
+        if (last != last[:, :1]).any():
+            raise InputError(
+                f"the surface of the body turns within two reaches of {side_name(axis, side)}, whose layer continues "
+                f"it straight along {AXES[axis]}",
+                value='surface = "energy"',
+                limit=f"{2 * reach[lead + axis] + 1} nodes away",
+                key="model.surface",
+                remedy="enlarge the near field",
+            )
