@@ -46,6 +46,7 @@ from farhorizon.medium.variation import Variation
 from farhorizon.models.model import Constant, Density, LatticeModel, Modulus, Ordered, material_constant, second_order
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
+CALIBRATIONS = ("running", "static")
 _BREAKABLE = MATERIALS[:3]
 _SOFT = MATERIALS[:2]  # at surfaces
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
@@ -99,6 +100,10 @@ class Elastic(LatticeModel):
     fracture_energy : float, str, ndarray or callable, optional
         Instead of the critical stretch, the energy that a new crack takes per area; see `critical_stretch_on`. For
         bond-based materials with softening, in addition to the critical stretch.
+    calibrate : {"running", "static"}
+        Which crack takes the fracture energy: one that runs, or one at rest in a slowly pulled strip when it begins to
+        grow, which takes more, because its tip waits at each row of nodes
+        (`farhorizon.simulation.recorders.resting_cracks`).
     softening : {"linear", "exponential"}, optional
         For bond-based materials with a critical stretch and a fracture energy: bonds do not break at that stretch but
         begin to soften there (by a bilinear or an exponential law), so that a new crack absorbs the fracture energy;
@@ -166,6 +171,7 @@ class Elastic(LatticeModel):
         "fh.Wave(kernel, **fh.materials.water.constants)"
     }
     energy_factor: float | None = None  # see `farhorizon.simulation.recorders.running_cracks.energy_factor`
+    spent_by_running: float | None = None  # energy of a running crack over the fracture energy, where it is at rest
     quantity, field_unit = "displacement", "m"
     target = 1e-4  # a tenth of it doubles the number of nodes, because of strong backward waves
 
@@ -189,6 +195,7 @@ class Elastic(LatticeModel):
         contact: bool | None = None,
         integrator: str | Integrator = "verlet",
         surface: str | None = None,
+        calibrate: str = "running",
     ) -> None:
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
         if plane is not None:
@@ -205,6 +212,7 @@ class Elastic(LatticeModel):
             kinds.one_of(softening, "model.softening", SOFTENINGS, "unknown softening")
         self.softening = softening
         self.contact = self.nonlinear if contact is None else kinds.flag(contact, "model.contact")
+        self.calibrate = kinds.one_of(calibrate, "model.calibrate", CALIBRATIONS, "unknown calibration")
         self._check_law()
         self.surface = surface
         self._check_surface()
@@ -260,6 +268,14 @@ class Elastic(LatticeModel):
                 limit=f"{' or '.join(served)} with a kernel",
                 key=f"model.{asked[0]}",
                 remedy='material="bond-based", or critical_stretch, fracture_energy and contact alone',
+            )
+        if self.calibrate == "static" and (self.fracture_energy is None or self.softening is not None):
+            raise InputError(
+                "a crack at rest calibrates the critical stretch of bonds that break at once",
+                value=self.calibrate,
+                limit="a fracture_energy without softening",
+                key="model.calibrate",
+                remedy="leave it out",
             )
         if self.softening is not None and len(self._strength) < 2:
             raise InputError(
@@ -383,7 +399,8 @@ class Elastic(LatticeModel):
         For a bond-based material, the energy of the bonds across a plane, averaged over its directions
         (`medium.fracture.fracture_energy`), equals the fracture energy. That of a crack along an axis of the lattice
         differs from it, because the lattice is not a continuum. For the other materials it is the energy spent by a
-        running crack (`farhorizon.simulation.recorders.running_cracks`), which a simulation computes when it is set up.
+        running crack (`farhorizon.simulation.recorders.running_cracks`), and with `calibrate` "static" for all of them
+        that at which a crack at rest grows; a simulation computes either when it is set up.
 
         Parameters
         ----------
@@ -407,7 +424,7 @@ class Elastic(LatticeModel):
             return self.critical_stretch * strength
         if self.fracture_energy is None:
             return np.inf
-        if not self.bonds:
+        if not self.bonds or self.calibrate == "static":
             if self.energy_factor is None or not isinstance(self.kernel, Kernel):
                 raise InputError(
                     "what a crack dissipates in this material is found when a simulation is set up",

@@ -46,6 +46,8 @@ class BondLaw(Protocol):
     softening: str | None
     fracture_energy: Any
     energy_factor: float | None
+    calibrate: str
+    spent_by_running: float | None
 
     @property
     def p_modulus(self) -> float:
