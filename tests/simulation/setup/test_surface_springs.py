@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.case.case import Case
 from farhorizon.simulation.setup import surface_effect
 
 MATERIALS = {
@@ -72,9 +73,9 @@ def test_rigid_motions_are_free(material, dim):
     assert np.abs(forces).max() < 1e-11
     stretch = np.random.default_rng(3).standard_normal((dim, dim))
     forces, field, _ = strained(MATERIALS[material], 4, stretch + stretch.T, dim)
-    assert np.abs(forces.reshape(dim, -1).sum(1)).max() < 1e-11
+    assert np.abs(forces.reshape(dim, -1).sum(1)).max() < 1e-13 * np.abs(forces).sum()  # rounding
     forces, field, _ = strained(MATERIALS[material], 4, np.eye(dim), dim)  # the field is that of the positions
-    torque = np.einsum("a...,b...->ab", forces, field)
+    torque = forces.reshape(dim, -1) @ field.reshape(dim, -1).T
     assert np.abs(torque - torque.T).max() < 1e-10
     assert np.abs(forces).max() > 1e-3
 
@@ -166,10 +167,10 @@ def test_it_is_a_key_of_case_files_and_thin_bodies_have_no_note():
     boundary = { all = { type = "free" } }
     run = { until = 1.0 }
     """
-    sim = fh.Case(text).simulation()
+    sim = Case(text).simulation()
     assert sim.model.surface == "energy"
     assert not any("apparent over given" in note for note in sim.notes)
-    plain = fh.Case(text.replace('surface = "energy", ', "")).simulation()
+    plain = Case(text.replace('surface = "energy", ', "")).simulation()
     assert any("apparent over given" in note and 'surface = "energy"' in note for note in plain.notes)
 
 
@@ -185,7 +186,7 @@ def test_bad_input():
     ground = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 0.0))
     with pytest.raises(fh.InputError, match="thermal strain"):
         model.heated()
-    wave = fh.PlaneWave((0.0, 1.0), fh.Ricker(0.05))
+    wave = fh.IncidentWave((0.0, 1.0), "exp(-((t - 40)/8)**2)", 80.0)
     with pytest.raises(fh.InputError, match="incident"):
         fh.Simulation(ground, model, free, sources=[wave])
     with pytest.raises(fh.InputError, match="crack.factor"):

@@ -219,7 +219,7 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         _check_faces(setup, sides, stencil.accuracy)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
-        if n < 2 * m + 1 and not sides[axis, -1].periodic:
+        if n < 2 * m + 1 and not sides[axis, -1].periodic and not all(sides[axis, side].image for side in (-1, 1)):
             free = not (sides[axis, -1].bonded or sides[axis, 1].bonded)
             raise InputError(
                 "the near field is thinner than the stencil",
