@@ -314,8 +314,11 @@ class Elastic(LatticeModel):
 
     @property
     def bondwise(self) -> bool:
-        """Whether bonds follow individual laws of stretch: nonlinear, breaking, closing or thermally strained."""
-        return self.nonlinear or self.contact or self.warm or bool(self._strength)
+        """Whether bonds follow individual laws of stretch: nonlinear, breaking, closing or thermally strained; also if
+        they are stiffer near surfaces, because sweeping them one by one takes less than correcting a sweep.
+        """
+        stiffer = self.bonds and self.surface is not None
+        return self.nonlinear or self.contact or self.warm or stiffer or bool(self._strength)
 
     @property
     def bond_law(self) -> Elastic | None:

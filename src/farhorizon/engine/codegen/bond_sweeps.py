@@ -279,9 +279,7 @@ class _Tile:
         if not self.law.surface:
             return stiffness
         builder, vectors, factor = self.builder, self.vectors, self.constant(1.0)
-        weights = vectors.splat_all(
-            vectors.shifted(self.at.cosines, (self.law.surface, bond)), self.law.surface
-        )
+        weights = vectors.splat_all(vectors.shifted(self.at.cosines, (self.law.surface, bond)), self.law.surface)
         for number, weight in enumerate(weights):
             near = self.place(self.at.excess, self.rows[row], number)
             far = vectors.shifted(near, (1, self.offset(bond, 0)))

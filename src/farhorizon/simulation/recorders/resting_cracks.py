@@ -26,8 +26,8 @@ from farhorizon.simulation.setup.setup import Setup
 _HALF = 7.0  # half the height of the strip, in horizons; with twice that the energy changes by at most 3 %
 _LONG = 2.0  # half its length, in its half heights: the middle of each half does not feel its ends
 # times that a wave takes over half the height, in which the edges move as far as the expected energy requires (thrice
-# that changes the energy by 1 %); the time in which waves are damped, in the same unit: what the edges emit dies out long
-# before, but what a bond emits as it breaks still shakes its neighbours
+# that changes the energy by 1 %); the time in which waves are damped, in the same unit: what the edges emit dies out
+# long before, but what a bond emits as it breaks still shakes its neighbours
 _SLOW, _FADES = 80.0, 2.5
 _LATEST = 4.0  # of these times until a crack must have grown: sixteen times the expected energy
 _LOOKS = 1000  # times in one of them at which bonds are counted: the energy is exact to 0.2 %
