@@ -171,6 +171,7 @@ class Elastic(LatticeModel):
         "fh.Wave(kernel, **fh.materials.water.constants)"
     }
     energy_factor: float | None = None  # see `farhorizon.simulation.recorders.running_cracks.energy_factor`
+    each_bond: bool = True  # whether bonds that are stiffer near surfaces are swept one by one
     spent_by_running: float | None = None  # energy of a running crack over the fracture energy, where it is at rest
     quantity, field_unit = "displacement", "m"
     target = 1e-4  # a tenth of it doubles the number of nodes, because of strong backward waves
@@ -317,7 +318,7 @@ class Elastic(LatticeModel):
         """Whether bonds follow individual laws of stretch: nonlinear, breaking, closing or thermally strained; also if
         they are stiffer near surfaces, because sweeping them one by one takes less than correcting a sweep.
         """
-        stiffer = self.bonds and self.surface is not None
+        stiffer = self.bonds and self.surface is not None and self.each_bond
         return self.nonlinear or self.contact or self.warm or stiffer or bool(self._strength)
 
     @property
@@ -359,7 +360,7 @@ class Elastic(LatticeModel):
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
         model.nonlinear, model.contact, model.critical_stretch, model.fracture_energy = False, False, None, None
-        model.softening, model.warm = None, False
+        model.softening, model.warm, model.each_bond = None, False, False
         return model
 
     def heated(self, coupled: bool = False) -> Elastic:
