@@ -24,7 +24,10 @@ def strip(model, nodes, sides, body):
     more = PADDING if body else 0
     shape = fh.Box((-99.0, -0.5), (99.0, nodes - 0.5)) if body else None
     lattice = fh.Lattice(1.0, (-20.0, -float(more)), (20.0, nodes - 1.0 + more), body=shape)
-    start = {"v": ["0.002*x*(1 + 0.1*y)", "1e-3*y"] if isinstance(model, fh.Elastic) else "exp(-x**2/8)*(1 + y)"}
+    pull, bump = ["0.002*x*(1 + 0.1*y)", "1e-3*y"], "exp(-x**2/8)*(1 + y)"
+    if not isinstance(sides, fh.Free):  # what layers absorb begins inside
+        pull = [bump, bump]
+    start = {"v": pull if isinstance(model, fh.Elastic) else bump}
     sim = fh.Simulation(lattice, model, {"x": sides, "y": fh.Free()}, start, threads=1, dt=0.35)
     sim.run(until=100.0, allow_unstable=True, progress=False)
     return sim, sim.fields["u"][..., more : more + nodes]

