@@ -125,6 +125,8 @@ RIGHT = {
         "law": None,
         "contact": None,
         "integrator": "verlet",
+        "surface": None,
+        "calibrate": "running",
     },
     "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},
     "Exact": {"compress": 1e-12},
@@ -330,7 +332,13 @@ RIGHT = {
     "open_results": {"path": "no such file", "verify": True},
     "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
-    "calibrated_stretch": {"model": fh.Elastic(KERNEL, 1.0), "spacing": 1.0, "fracture_energy": 1.0, "dim": 2},
+    "calibrated_stretch": {
+        "model": fh.Elastic(KERNEL, 1.0),
+        "spacing": 1.0,
+        "fracture_energy": 1.0,
+        "dim": 2,
+        "calibrate": "running",
+    },
     "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
     "surface_factor": {"lattice": PLANE, "model": fh.Elastic(KERNEL, 1.0), "boundary": None},
     "sweep": {

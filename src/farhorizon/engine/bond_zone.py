@@ -116,6 +116,7 @@ class BondZone:
             contact=contact and forces,
             thermal=warm,
             softening=softening,
+            surface=len(engine.absent.excess) if forces else 0,
         )
         addresses = np.array(load_rows("bond_rows", law=law), np.int64)
         start = np.repeat(() if functions is None else functions.start, len(engine.offsets))
@@ -151,6 +152,8 @@ class BondZone:
             released=released,
             bounds=bounds,
             room=np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2])),
+            excess=engine.absent.excess.astype(engine.dtype),
+            cosines=(engine.absent.cosines / 2).astype(engine.dtype),
             **spread,
         )
         if not forces:
@@ -249,6 +252,8 @@ class BondZone:
             damaged |= residual_stiffness[block.node_indices()] < 1
         if self.functions is not None and self.limit < 0:  # there is nothing that a bond does not remember
             damaged[...] = True
+        if self.table.forces:
+            damaged[tuple(block.coordinates(self.engine.absent.stiffened[0]).T)] = True
         for axis, m in enumerate(self.engine.layout.reach):
             i = np.arange(block.nodes[axis])
             damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
@@ -377,7 +382,8 @@ class BondZone:
         bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
         table, material = self.table, self.engine.tables.material
         if not table.forces:
-            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive)
+            none = table.excess[:0]
+            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive, excess=none)
             material = material._replace(coefficient=table.contact_stiffness)
         by_function = 0.0
         if self.functions is not None:  # of the other bonds below

@@ -197,6 +197,7 @@ def digest(engine: Engine) -> str:
             for array in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps, layer.tuned)
         ),
         tables.material.coefficient,
+        tables.bonds.excess,
         *tables.cuts,
         *tables.surface[:-1],
         *(law.intact, law.nodes, law.numbers, law.matrices, law.local),

@@ -212,6 +212,13 @@ def _check_model(setup: Setup) -> None:
             key="model.drag",
             remedy="damping, or a Sponge",
         )
+    if model.stiffens_surfaces:
+        raise InputError(
+            "there is no adjoint of corrected surfaces",
+            value='surface = "energy"',
+            key="model.surface",
+            remedy="leave it out",
+        )
     follows = [f"model.{name}" for name in model.follows]
     named = zip(keys("source", setup.sources), setup.sources, strict=True)
     for key in [*follows, *(key for key, source in named if isinstance(source, OfField))]:

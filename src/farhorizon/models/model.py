@@ -48,6 +48,8 @@ class BondLaw(Protocol):
     law: bond_laws.BondLaw | None  # that is a function
     fracture_energy: Any
     energy_factor: float | None
+    calibrate: str
+    spent_by_running: float | None
 
     @property
     def p_modulus(self) -> float:
@@ -363,6 +365,11 @@ class LatticeModel:
     def soft_at_surfaces(self) -> Any:
         """The model itself where it is softer beside free surfaces, beyond which bonds are absent, else None."""
         return None
+
+    @property
+    def stiffens_surfaces(self) -> bool:
+        """Whether bonds of nodes that lack some are stiffer than others."""
+        return False
 
     @property
     def cuttable(self) -> bool:

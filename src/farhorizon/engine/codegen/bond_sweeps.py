@@ -60,6 +60,8 @@ class TileAddresses(NamedTuple):
     table: int  # bond by bond xi, 1 / |xi|^2 and c, without coefficients
     places: int  # bond by bond `PLACES` integers
     zone: int  # first node, then extent along each axis, int64
+    excess: int  # numbers of each node near surfaces, one after the other as components of a level
+    cosines: int  # bond by bond their weights in the factor of a spring
 
 
 class TileShape(NamedTuple):
@@ -93,6 +95,7 @@ class BondLaw(NamedTuple):
     contact: bool = False  # whether absent bonds carry compression
     thermal: bool = False  # whether heat strains the nodes
     softening: str | None = None  # one of `SOFTENINGS`; None where bonds break at once
+    surface: int = 0  # how many numbers of nodes near surfaces determine the factors of bonds in damaged tiles
 
 
 #: Addresses, places, and the reals a, b and limit, as values in the emitted code.
@@ -279,6 +282,18 @@ class Tile:
         )
         return builder.fmul(uniform, mean)
 
+    def stiffened(self, stiffness: Any, bond: Any, row: int) -> Any:
+        """c of one bond near a surface, see `engine.bonds.stiffening`."""
+        if not self.law.surface:
+            return stiffness
+        builder, vectors, factor = self.builder, self.vectors, self.constant(1.0)
+        weights = vectors.splat_all(vectors.shifted(self.at.cosines, (self.law.surface, bond)), self.law.surface)
+        for number, weight in enumerate(weights):
+            near = self.place(self.at.excess, self.rows[row], number)
+            far = vectors.shifted(near, (1, self.offset(bond, 0)))
+            factor = self.call("fma", weight, builder.fadd(vectors.load(near), vectors.load(far)), factor)
+        return builder.fmul(stiffness, factor)
+
     def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
         """Factor of the direction in the force."""
         builder, half = self.builder, self.constant(0.5)
@@ -448,7 +463,7 @@ def damaged_tile(
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
             builder.and_(alive, tile.exists),
         )
-        stiffness = tile.stiffness(stiffness, bond, row)
+        stiffness = tile.stiffened(tile.stiffness(stiffness, bond, row), bond, row)
         full = pull = tile.pull(e, stiffness, curved)
         if law.softening:
             left, over = _soften(tile, bond, row, (xi, inverse, stiffness), e, curved, over)

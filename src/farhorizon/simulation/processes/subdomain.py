@@ -190,6 +190,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
         ),
         ("impactors, whose forces come from nodes of all processes,", "load", bool(setup.impactors)),
         ("sponges beside media that vary", "boundary", varies(setup) and damped),
+        ("surfaces that are corrected", "model.surface", setup.model.stiffens_surfaces),
     ]
     for what, key, given in refused:
         if given:

@@ -38,7 +38,8 @@ _SHATTERS = 10.0  # a load whose first strain is this many times the critical st
 #: Note on the energy that a crack at rest takes (`benchmarks/at_rest.py`, and a double cantilever beam).
 AT_REST = (
     "a crack at rest begins to grow at 1.05 to 1.37 times the fracture energy, depending on material and load, because "
-    "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice"
+    "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice, or set calibrate = "
+    '"static"'
 )
 
 
@@ -107,13 +108,24 @@ class BreakableBonds:
                 law.law.check(near.dt, float(length))
         self.begin()
         self.families = self.left()  # number of bonds of each node, uncut; of the lattice's shape
-        if law.fracture_energy is not None and law.energy_factor is not None:
-            cuts.notes.append(
-                f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
-                "fracture energy: found from cracks that ran through this lattice at 0.3 of the speed of Rayleigh waves"
-            )
         if law.fracture_energy is not None:
-            cuts.notes.append(AT_REST)
+            cuts.notes.extend(self._calibration())
+
+    def _calibration(self) -> list[str]:
+        """Return notes on which cracks take the fracture energy, and on what others take."""
+        law, found = self.law, f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack "
+        if law.energy_factor is None:
+            return [AT_REST]
+        if law.spent_by_running is None:
+            return [
+                found + "dissipates the fracture energy: found from cracks that ran through this lattice at 0.3 of the "
+                "speed of Rayleigh waves",
+                AT_REST,
+            ]
+        return [
+            found + "at rest in a slowly pulled strip begins to grow at the fracture energy; one that runs at 0.3 of "
+            f"the speed of Rayleigh waves dissipates {law.spent_by_running:.3g} of it"
+        ]
 
     @cached_property
     def zone(self) -> Zone:
