@@ -466,3 +466,5 @@ def test_where_laws_are_not_available():
         model.heated()
     with pytest.raises(fh.InputError, match=r"model\.law"):
         fh.Elastic(fh.Kernel(2.0, 1), 1.0, law="bilinear")
+    with pytest.raises(fh.InputError, match="surfaces are corrected only"):
+        fh.Elastic(fh.Kernel(2.0, 1), 1.0, law=LAWS["bilinear"], surface="energy")
