@@ -219,6 +219,8 @@ CASES |= {
         torn(critical_stretch=0.004, fracture_energy="6e-5*(1.2 + 0.1*sin(x))", softening="linear", nonlinear=True),
         ALONG_X,
     ),
+    "viscoelastic bonds": (torn(law=fh.ViscoelasticBond(0.4, 0.5), nonlinear=True), ALONG_X),
+    "bonds that soften by a function": (torn(law=fh.ExponentialSoftening(0.004, 0.02), nonlinear=True), ALONG_Y),
     "states that break": (  # four boxes along x, each wider than the filter of the layers, which takes 24 nodes
         torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based"),
         ALONG_Y,
@@ -356,6 +358,15 @@ SLOW = {
         ALONG_X,
     ),
     "sponge, free, fixed": (plane(sides={"x": fh.Sponge(6), "y-": fh.Free(), "y+": fh.Fixed()}), ALONG_Y),
+    "springs and dashpots": (
+        plane(
+            fh.Elastic(KERNEL, 1.0, density="1 + 0.2*sin(x)"),
+            {"x": FOUR, "y-": fh.Impedance(1.0, 0.5, 0.2), "y+": fh.Free()},
+            initial={"u": [pulse(2), 0.0]},
+            shape=(79, 81),
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "reaction": (plane(fh.Wave(fh.Stencil.from_kernel(KERNEL, 0.3, 2).with_reaction(0.2))), ALONG_X),
     "elastic along y": (plane(fh.Elastic(KERNEL, 1.0), initial={"u": [pulse(2), 0.0]}, shape=(79, 81)), ALONG_Y),
     "space, other boxes": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[1:]),

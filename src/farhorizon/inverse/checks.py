@@ -140,7 +140,7 @@ def check_linear(setup: Setup, asked: Asked) -> None:
             raise InputError(
                 "the side is not reciprocal: a wave from A arrives at B otherwise than one from B at A",
                 value=type(boundary).__name__,
-                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Periodic",
+                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Impedance, Periodic",
                 key=f"boundary.{side_name(axis, side)}",
                 remedy="LatticePML(), which continues the infinite lattice",
             )
@@ -192,7 +192,7 @@ def _check_model(setup: Setup) -> None:
     """Refuse models that are not linear, or integrators of several stages."""
     model, law = setup.model, setup.model.bond_law
     if law is not None:
-        flags = {name: True for name in ("nonlinear", "contact", "softening", "warm") if getattr(law, name)}
+        flags = {name: True for name in ("nonlinear", "contact", "softening", "law", "warm") if getattr(law, name)}
         limits = ("critical_stretch", "fracture_energy")
         flags |= {name: getattr(law, name) for name in limits if getattr(law, name, None) is not None}
         for name, value in flags.items():
@@ -211,6 +211,13 @@ def _check_model(setup: Setup) -> None:
             limit=0.0,
             key="model.drag",
             remedy="damping, or a Sponge",
+        )
+    if model.stiffens_surfaces:
+        raise InputError(
+            "there is no adjoint of corrected surfaces",
+            value='surface = "energy"',
+            key="model.surface",
+            remedy="leave it out",
         )
     follows = [f"model.{name}" for name in model.follows]
     named = zip(keys("source", setup.sources), setup.sources, strict=True)
