@@ -30,8 +30,8 @@ class LoadSteps(Storable):
         Time between two load steps, in which loads and prescribed values are given; it need not be small.
     tolerance : float
         What displacements are still going to change in a step, relative to their size (root mean squares over the
-        nodes): the acceleration over the squared frequency, and the velocity over the frequency, of the slowest mode. Rounding
-        errors, of about 1e-15 over its squared frequency per iteration, are not waited for.
+        nodes): the acceleration over the squared frequency, and the velocity over the frequency, of the slowest mode.
+        Rounding errors are not waited for, of about 1e-15 over its squared frequency per iteration.
     limit : int
         Largest number of iterations of a step; a `ValidityWarning` is issued where it ends a step.
 

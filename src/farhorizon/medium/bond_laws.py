@@ -135,6 +135,11 @@ class BondLaw(Registered, Storable, ABC):
         """Whether bonds may break."""
         return self.functions.damage is not None
 
+    @property
+    def timed(self) -> bool:
+        """Whether forces depend on how fast a bond is stretched: a function takes the time step."""
+        return any("dt" in inspect.signature(function).parameters for function in _functions(type(self)).values())
+
     def numbers(self, dt: float, frozen: bool = False) -> np.ndarray:
         """Parameters for the compiled loop, see `farhorizon.engine.bonds.Bonds.parameters`."""
         return np.array([float(frozen), dt, *self.arguments.values()])

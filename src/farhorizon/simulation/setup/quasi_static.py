@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.medium.integrators import Verlet
@@ -24,10 +25,16 @@ def check_load_steps(setup: Setup, sides: Sides, shared: bool) -> None:
     """
     model = setup.model
     moving = setup.initial is not None and "v" in setup.initial
-    unlimited = [key for key, side in sides.items() if side.endless or side.closing or side.exact or side.damped]
+    law = getattr(model, "law", None)
+    unlimited = [
+        key
+        for key, side in sides.items()
+        if side.endless or side.closing or side.exact or side.damped or type(side).node_rule is not Side.node_rule
+    ]
     refused: list[tuple[bool, str, object, str]] = [
         (not model.mechanical or model.of_temperature is not None, "model", model.title, "Elastic or Correspondence"),
         (not isinstance(model.integrator, Verlet), "model.integrator", model.integrator.name, 'integrator = "verlet"'),
+        (law is not None and law.timed, "model.law", type(law).__name__, "a law that does not depend on dt"),
         (moving, "initial.v", "given", "a body at rest"),
         (setup.dtype != "float64", "dtype", setup.dtype, 'dtype = "float64"'),
         (shared, "communicator", "several processes", "one process, with several threads"),
