@@ -759,6 +759,7 @@ def refused():
             SOLID, initial={}, loads=[fh.ThermalLoad("0.01*x", expansion=1.0, reference=0.0)], shape=(79, 81)
         ),
         "heat of deformation": lambda: plane(fh.Thermoelastic(SOLID, fh.Heat(KERNEL), 0.01, 300.0), initial={}),
+        "load steps": lambda: replace(plane(SOLID, fh.Free(), initial={}), dt=fh.LoadSteps(1.0)),
         "k(u)": lambda: plane(fh.Heat(KERNEL, conductivity="0.5 - u"), fh.Free()),
         "w(u)": lambda: plane(fh.Diffusion(KERNEL), fh.Free(), sources=["where(x > 3, 1/u, 0)"]),
         "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),

@@ -171,7 +171,7 @@ def survey(
     if any(side.derivatives for side in sides.values()):
         check_entrances(given_setup, sides, stencil)
     if isinstance(setup.dt, LoadSteps):
-        check_load_steps(setup, sides, bool(team))
+        check_load_steps(setup, sides)
         in_time = near_field(replace(setup, dt=None), sides, stencil, variation, coefficient, stiffer)
         setup = replace(setup, model=with_fictitious_masses(setup.model, in_time.step_limit, setup.dt))
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)

@@ -108,7 +108,8 @@ class Simulation(Run):
         Functions that `run` calls with the run at regular intervals, and recorders, which record every step.
     dt : float, callable or LoadSteps, optional
         Time step; by default half the stability limit. A function of this default, such as `WholeSteps`, returns it.
-        Runs whose fields are to be subtracted need the same: ``dt=other.dt``, in case files ``dt`` with this number.
+        Runs whose fields are to be subtracted need the same one, the smaller of theirs: ``dt=other.dt``, in a case file
+        ``dt`` with this number.
         `LoadSteps` replaces time steps by states of equilibrium.
     dtype : {"float64", "float32"}
     threads : int, optional

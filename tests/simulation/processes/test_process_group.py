@@ -110,6 +110,7 @@ def check_refused(lines):
         words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
         words |= {"hot": "the stress-free temperature", "heat of deformation": "heat as they are deformed"}
+        words |= {"load steps": "load steps are not computed on several processes yet"}
         words |= {"k(u)": "must be positive at all values", "w(u)": "depends on the field is not finite"}
         words |= {"layers": "nodes along the outline", "exact": "whole past", "derivatives": "remembered on all nodes"}
         words |= dict.fromkeys(("extended", "auto"), "the domain grows")

@@ -19,10 +19,8 @@ ITERATED = (
 STABLE = 0.9  # iterations are as long as this fraction of the largest stable time step
 
 
-def check_load_steps(setup: Setup, sides: Sides, shared: bool) -> None:
-    """Refuse what load steps do not support: whatever has no state of equilibrium or a time of its own, and several
-    processes if the run is `shared` by them.
-    """
+def check_load_steps(setup: Setup, sides: Sides) -> None:
+    """Refuse what load steps do not support: whatever has no state of equilibrium, or a time of its own."""
     model = setup.model
     moving = setup.initial is not None and "v" in setup.initial
     law = getattr(model, "law", None)
@@ -37,7 +35,6 @@ def check_load_steps(setup: Setup, sides: Sides, shared: bool) -> None:
         (law is not None and law.timed, "model.law", type(law).__name__, "a law that does not depend on dt"),
         (moving, "initial.v", "given", "a body at rest"),
         (setup.dtype != "float64", "dtype", setup.dtype, 'dtype = "float64"'),
-        (shared, "communicator", "several processes", "one process, with several threads"),
         (setup.heat is not None, "load", "a thermal load", "a run in time, with a steady temperature"),
         (bool(setup.impactors), "load", "an impactor", "prescribed nodes in its place"),
     ]
@@ -50,7 +47,7 @@ def check_load_steps(setup: Setup, sides: Sides, shared: bool) -> None:
             raise InputError(
                 "load steps end in the equilibrium of a solid body",
                 value=value,
-                limit="a solid at rest of finite size, on one process and in double precision",
+                limit="a solid at rest of finite size, in double precision",
                 key=key,
                 remedy=remedy,
             )
