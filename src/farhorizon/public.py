@@ -84,6 +84,7 @@ from farhorizon.inverse.misfits import LeastSquares as LeastSquares
 from farhorizon.inverse.misfits import Misfit as Misfit
 from farhorizon.inverse.misfits import OwnMisfit as OwnMisfit
 from farhorizon.inverse.misfits import TravelTime as TravelTime
+from farhorizon.medium.attenuation import Attenuation as Attenuation
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials

@@ -468,7 +468,7 @@ class Tables:
             return dict[str, self._takes(*declared(inner[1]), MISSING)]  # type: ignore[misc]
         if hint is Shape:
             return self.region
-        if isinstance(hint, type) and issubclass(hint, Shape | fh.Kernel | fh.Rectangle | fh.DiscCut):
+        if isinstance(hint, type) and issubclass(hint, Shape | fh.Kernel | fh.Attenuation | fh.Rectangle | fh.DiscCut):
             return self.of(hint)
         if is_model(hint) or hint is fh.Weibull:
             return self.of(hint, not is_model(hint))

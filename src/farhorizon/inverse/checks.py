@@ -18,6 +18,7 @@ from farhorizon.inputs.sources import Source
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.of_field import OfField
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.setup import Setup, keys, side_name
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.simulation.time.source_terms import given, split_source_terms
@@ -200,6 +201,7 @@ def _check_model(setup: Setup) -> None:
                 key="load" if name == "warm" else f"model.{name}",
                 remedy="leave it out: small waves do not break bonds",
             )
+    check_lossless(model, "model.attenuation", "leave it out")
     follows = [f"model.{name}" for name in model.follows]
     named = zip(keys("source", setup.sources), setup.sources, strict=True)
     for key in [*follows, *(key for key, source in named if isinstance(source, OfField))]:
