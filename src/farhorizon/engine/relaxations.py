@@ -52,10 +52,26 @@ def relax_forces(thread, stage, block, relaxations):
             for i in range(block[3]):
                 room[i] = out[i] - (src[i] + back * (src[i] - base[i]))
                 out[i] -= total * room[i]
-            for mechanism in range(relaxations.keep.size):
-                kept, added = relaxations.keep[mechanism], relaxations.later[mechanism]
-                memory = relaxations.memory[mechanism, start:end]
-                for i in range(block[3]):
-                    out[i] -= memory[i]
-                    memory[i] = kept * memory[i] + added * room[i]
+            last = relaxations.keep.size - 1
+            for mechanism in range(0, last, 2):  # two at a time, since each pass takes what memory can deliver
+                _pass_on(relaxations, mechanism, mechanism + 1, start, room[: block[3]], out)
+            if last % 2 == 0:
+                _pass_on(relaxations, last, last, start, room[: block[3]], out)
     barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def _pass_on(relaxations, one, other, start, force, out):
+    """Subtract what has relaxed by two mechanisms, or by one that is given twice, and add the force to their memory."""
+    a, b = relaxations.memory[one, start : start + out.size], relaxations.memory[other, start : start + out.size]
+    keep_a, later_a = relaxations.keep[one], relaxations.later[one]
+    keep_b, later_b = relaxations.keep[other], relaxations.later[other]
+    if one == other:
+        for i in range(out.size):
+            out[i] -= a[i]
+            a[i] = keep_a * a[i] + later_a * force[i]
+        return
+    for i in range(out.size):
+        out[i] -= a[i] + b[i]
+        a[i] = keep_a * a[i] + later_a * force[i]
+        b[i] = keep_b * b[i] + later_b * force[i]
