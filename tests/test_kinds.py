@@ -75,6 +75,7 @@ SETUP = {
 }
 # Valid arguments of every public callable.
 RIGHT = {
+    "Attenuation": {"quality": 50.0, "band": (0.1, 1.0), "exponent": 0.0, "reference": None, "mechanisms": None},
     "Auto": {"target": None, "until": None},
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
@@ -123,6 +124,7 @@ RIGHT = {
         "softening": None,
         "contact": None,
         "integrator": "verlet",
+        "attenuation": None,
     },
     "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},
     "Exact": {"compress": 1e-12},
@@ -277,7 +279,14 @@ RIGHT = {
     "Pressure": {"on": [(0.0, 0.0), (1.0, 0.0)], "value": 1.0, "time": None},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
-    "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0, "integrator": "verlet"},
+    "Wave": {
+        "operator": KERNEL,
+        "speed": 1.0,
+        "damping": 0.0,
+        "density": 1.0,
+        "integrator": "verlet",
+        "attenuation": None,
+    },
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "LeastSquares": {"receivers": fh.Receivers([0.0]), "data": np.zeros((3, 1)), "weights": 1.0},

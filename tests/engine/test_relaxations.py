@@ -71,7 +71,9 @@ def test_energy_never_grows():
     for _ in range(2000):
         sim.step()
         now = sim.fields["u"].copy()
-        stored = (1 - shares.sum()) * stretched(u) + sum(a * stretched(u - s) for a, s in zip(shares, slid, strict=True))
+        stored = (1 - shares.sum()) * stretched(u) + sum(
+            a * stretched(u - s) for a, s in zip(shares, slid, strict=True)
+        )
         slid_now = keep * slid + (mean - keep) * u + (1 - mean) * now
         later = (1 - shares.sum()) * stretched(now)
         later += sum(a * stretched(now - s) for a, s in zip(shares, slid_now, strict=True))

@@ -159,9 +159,9 @@ def set_relaxations(engine: Engine, times: np.ndarray, shares: np.ndarray) -> No
     modulus, for equations of second order. The older level must outlive a step, and the engine must have been created
     for as many mechanisms.
     """
-    factors = (values.astype(engine.dtype) for values in relaxation_factors(times, shares, engine.dt))
+    keep, now, later = (values.astype(engine.dtype) for values in relaxation_factors(times, shares, engine.dt))
     room = np.zeros((engine.threads, engine.layout.box.nodes[2]), engine.dtype)
-    engine.replace(relaxations=Relaxations(*factors, engine.levels[engine.stages.levels :], room))
+    engine.replace(relaxations=Relaxations(keep, now, later, engine.levels[engine.stages.levels :], room))
 
 
 def begin_relaxations(engine: Engine) -> None:

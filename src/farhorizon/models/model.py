@@ -521,7 +521,7 @@ def attenuation_of(value: Any) -> Attenuation | None:
     if value is None:
         return None
     remedy = "Attenuation(quality=50, band=(0.1, 10.0))"
-    return kinds.instance(value, "model.attenuation", Attenuation, "an Attenuation", remedy=remedy)  # type: ignore[no-any-return]
+    return kinds.instance(value, "model.attenuation", Attenuation, "an Attenuation", remedy=remedy)
 
 
 def material_constant(value: Any, key: str, positive: bool = True, follows: bool = False) -> Any:
