@@ -201,7 +201,7 @@ def _check_model(setup: Setup) -> None:
                 key="load" if name == "warm" else f"model.{name}",
                 remedy="leave it out: small waves do not break bonds",
             )
-    check_lossless(model, "model.attenuation", "leave it out")
+    check_lossless(model, "gradient", "a model without attenuation")
     follows = [f"model.{name}" for name in model.follows]
     named = zip(keys("source", setup.sources), setup.sources, strict=True)
     for key in [*follows, *(key for key, source in named if isinstance(source, OfField))]:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
 
 from farhorizon import kinds
-from farhorizon.arguments import Frequency
+from farhorizon.arguments import Frequency, Unit
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 
-_LEAST = 5.0  # below, a wave loses half of its energy per cycle, and no few mechanisms make Q constant
+_LEAST = 5.0  # a wave that keeps less than exp(-2 pi / 5), 28 %, of its energy per cycle is hardly one
 _ALLOWED = 0.02  # largest relative error of Q in the band
 _MOST = 16  # mechanisms: each is one more field in memory
 _SAMPLES = 20  # frequencies per mechanism at which Q is fitted, many more than it has wiggles
@@ -39,7 +39,8 @@ class Attenuation(Storable):
     Parameters
     ----------
     quality : float
-        Q at the reference frequency, 5 or more: in one cycle a wave loses the fraction 2 pi / Q of its energy.
+        The quality factor Q at the reference frequency, 5 or more: in one cycle a wave keeps exp(-2 pi / Q) of its
+        energy.
     band : tuple of float
         Lowest and highest frequency (1/time) for which Q is fitted.
     exponent : float
@@ -58,7 +59,7 @@ class Attenuation(Storable):
     Notes
     -----
     Emmerich and Korn (1987), Geophysics 52, 1252; Blanch, Robertsson and Symes (1995), Geophysics 60, 176. With
-    :math:`Q^{-1}` the conditions are linear in the shares: the fit has no iteration, and a closed form.
+    :math:`Q\,\operatorname{Im} M = \operatorname{Re} M` the fit is linear in the shares.
 
     Examples
     --------
@@ -66,11 +67,11 @@ class Attenuation(Storable):
     >>> rock = fh.Attenuation(quality=50, band=(0.1, 10.0))
     >>> wave = fh.Wave(fh.Kernel(2.0), speed=3.0, attenuation=rock)
     >>> round(float(rock.quality_at(1.0)), 1), round(float(rock.speed_at(1.0)), 3)
-    (50.2, 1.0)
+    (49.7, 1.0)
     """
 
     quality: float
-    band: tuple[Frequency, Frequency]
+    band: Annotated[tuple[float, float], Unit("1/s")]
     exponent: float = 0.0
     reference: Frequency | None = None
     mechanisms: int | None = None
@@ -168,7 +169,8 @@ class Attenuation(Storable):
         frequency = np.geomspace(*self.band, _SAMPLES * count)
         asked, ratio = self._asked(frequency), frequency[:, None] / corners
         lost = (asked[:, None] * ratio + 1) / (1 + ratio**2)
-        fitted = Relaxation(1 / (2 * np.pi * corners), nnls(lost, np.ones(len(frequency)))[0])
+        shares = nnls(lost, np.ones(len(frequency)))[0]
+        fitted = Relaxation(1 / (2 * np.pi * corners[shares > 0]), shares[shares > 0])
         relaxed = _relaxed(fitted, frequency)
         return fitted, float(np.abs(relaxed.imag * asked / relaxed.real - 1).max())
 

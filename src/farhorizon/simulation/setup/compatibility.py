@@ -98,13 +98,7 @@ def check_lossless(model: LatticeModel, key: str, remedy: str) -> None:
     InputError
     """
     if model.attenuation is not None:
-        raise InputError(
-            "is that of a medium whose forces do not relax",
-            value=model.attenuation,
-            limit="none",
-            key=key,
-            remedy=remedy,
-        )
+        raise InputError("not available in a medium with attenuation", value=model.attenuation, key=key, remedy=remedy)
 
 
 def _check_modified_equation(setup: Setup, sides: Sides) -> None:
