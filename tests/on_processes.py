@@ -219,6 +219,8 @@ CASES |= {
         torn(critical_stretch=0.004, fracture_energy="6e-5*(1.2 + 0.1*sin(x))", softening="linear", nonlinear=True),
         ALONG_X,
     ),
+    "viscoelastic bonds": (torn(law=fh.ViscoelasticBond(0.4, 0.5), nonlinear=True), ALONG_X),
+    "bonds that soften by a function": (torn(law=fh.ExponentialSoftening(0.004, 0.02), nonlinear=True), ALONG_Y),
     "states that break": (  # four boxes along x, each wider than the filter of the layers, which takes 24 nodes
         torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based"),
         ALONG_Y,
@@ -363,6 +365,15 @@ SLOW = {
         ALONG_X,
     ),
     "sponge, free, fixed": (plane(sides={"x": fh.Sponge(6), "y-": fh.Free(), "y+": fh.Fixed()}), ALONG_Y),
+    "springs and dashpots": (
+        plane(
+            fh.Elastic(KERNEL, 1.0, density="1 + 0.2*sin(x)"),
+            {"x": FOUR, "y-": fh.Impedance(1.0, 0.5, 0.2), "y+": fh.Free()},
+            initial={"u": [pulse(2), 0.0]},
+            shape=(79, 81),
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "reaction": (plane(fh.Wave(fh.Stencil.from_kernel(KERNEL, 0.3, 2).with_reaction(0.2))), ALONG_X),
     "elastic along y": (plane(fh.Elastic(KERNEL, 1.0), initial={"u": [pulse(2), 0.0]}, shape=(79, 81)), ALONG_Y),
     "space, other boxes": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[1:]),
@@ -777,6 +788,57 @@ def refused():
         yield {"refused": what, "told": WORLD.gather(message)}
 
 
+def uneven_plane(model, sides=FOUR, **more):
+    """Return a plane of some nodes, driven at a point and by initial data, whose time step is given."""
+    push = fh.PointForce((0.4, -0.7), (0.3, 1.0), fh.Ricker(0.3), "linear")
+    source = push if model.mechanical else fh.PointSource((0.4, -0.7), 1.0, fh.Ricker(0.3), "linear")
+    initial = {"u": [pulse(2), 0.0] if model.mechanical else pulse(2)}
+    setup = fh.Setup(lattice(27, 31), model, sides, initial, sources=[source], threads=1, **more)
+    return replace(setup, dt=fh.Simulation.of(setup).dt)
+
+
+def gradients():
+    """Compare gradients by runs on all processes with those by runs on one, the history whole and in pieces."""
+    maps = {name: uneven((27, 31)) for name in ("speed", "young", "density", "diffusivity")}
+    cut = [[(-2.2, -1.0), (1.3, 1.2)]]
+    solid = fh.Elastic(KERNEL, young=maps["young"], density=maps["density"])
+    states = fh.Elastic(KERNEL, bulk=maps["young"], shear=0.5, material="state-based")
+    cases = [
+        ("wave", uneven_plane(fh.Wave(KERNEL, maps["speed"], 0.02, density=maps["density"])), ["speed", "density"]),
+        ("solid", uneven_plane(solid, {"x": fh.Periodic(), "y": fh.Free()}, cracks=cut), ["young", "density"]),
+        ("states", uneven_plane(states, {"x": fh.Fixed(), "y": fh.Free()}, cracks=cut), ["bulk", "shear"]),
+        ("diffusion", uneven_plane(fh.Diffusion(KERNEL, maps["diffusivity"])), ["diffusivity"]),
+        ("initial data alone", uneven_plane(WAVE), []),
+        ("layers that choose themselves", uneven_plane(WAVE, fh.LatticePML(target=1e-3)), ["speed"]),
+    ]
+    for name, setup, wrt in cases[: 2 if SIZE == "few" else None]:
+        names = [*wrt, *("u", "v")[: setup.model.order], "source", "source.at"]
+        line = fh.Receivers([(2.1, 1.0), (-1.9, -2.2), (-2.0, 1.5)], interpolation="linear")
+        misfit = fh.LeastSquares(line, np.full((61, 3, 2) if setup.model.mechanical else (61, 3), 0.01))
+        for memory in (None, 2.5e5):  # bytes; a history takes 3e5 and more
+            options = {"wrt": names, "until": 60 * setup.dt, "memory": memory, "illumination": bool(wrt)}
+            together = fh.gradient(fh.Simulation.of(setup, [], WORLD, ALONG_Y[0]), misfit, **options)
+            same = WORLD.gather([together[key].tobytes() for key in names])
+            if WORLD.rank == 0:
+                alone = fh.gradient(setup, misfit, **options)
+                off = {key: relative(together[key], alone[key]) for key in names}
+                if wrt:
+                    off["illumination"] = relative(together.illumination, alone.illumination)
+                off["misfit"] = abs(together.misfit / alone.misfit - 1)
+                yield {"gradient": f"{name} {memory}", "off": off, "same": same == same[:1] * WORLD.size}
+            asleep_until_all_are_here()
+    tiny, message = np.zeros((27, 31), bool), ""
+    tiny[13, 15] = True
+    run = fh.Simulation.of(uneven_plane(WAVE), [], WORLD)
+    try:
+        fh.gradient(
+            run, fh.LeastSquares(fh.Receivers([(2.1, 1.2)]), np.zeros((61, 1))), "speed", 60 * run.dt, region=tiny
+        )
+    except fh.InputError as error:
+        message = str(error)
+    yield {"tiny": WORLD.gather(message)}
+
+
 def unstable():
     """Yield the messages of all processes after a run has diverged on one of them."""
     run = fh.Simulation.of(plane(sides=fh.Fixed()), communicator=WORLD)
@@ -795,6 +857,7 @@ PARTS = {
     "files": (files,),
     "kept": (kept,),
     "records": (tips, recorded),
+    "gradients": (gradients,),
     "commands": (commands,),
 }
 

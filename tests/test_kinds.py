@@ -80,6 +80,7 @@ RIGHT = {
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
     "BodyForce": {"value": [1.0, 0.0], "time": None},
+    "BilinearSoftening": {"onset": 0.01, "final": 0.04},
     "Box": {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     "Chirp": {"first": 1.0, "last": 2.0, "duration": 10.0},
     "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None, "region": None},
@@ -122,12 +123,16 @@ RIGHT = {
         "critical_stretch": None,
         "fracture_energy": None,
         "softening": None,
+        "law": None,
         "contact": None,
         "integrator": "verlet",
         "attenuation": None,
+        "surface": None,
+        "calibrate": "running",
     },
     "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},
     "Exact": {"compress": 1e-12},
+    "ExponentialSoftening": {"onset": 0.01, "final": 0.04},
     "Expression": {"text": "x", "dim": 1},
     "Extended": {"target": None, "nodes": None, "until": None},
     "FarField": {
@@ -153,6 +158,7 @@ RIGHT = {
     },
     "Higdon": {"angles": (0.0, 45.0), "shift": None},
     "ImageMask": {"image": np.ones((2, 2), bool), "width": 1.0, "centre": (0.0, 0.0), "threshold": 0.5},
+    "Impedance": {"stiffness": 1.0, "viscosity": 0.0, "tangential_stiffness": None, "tangential_viscosity": None},
     "IncidentField": {"field": "cos(x)*cos(t)", "within": None},
     "IncidentRecord": {"record": RECORD, "name": "shell", "within": None},
     "IncidentWave": {"direction": (1.0, 0.0), "signal": "sin(t)", "duration": 1.0, "polarisation": "P", "within": None},
@@ -278,6 +284,7 @@ RIGHT = {
     },
     "Pressure": {"on": [(0.0, 0.0), (1.0, 0.0)], "value": 1.0, "time": None},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
+    "ViscoelasticBond": {"relaxing": 0.4, "time": 1.0},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
     "Wave": {
         "operator": KERNEL,
@@ -334,7 +341,13 @@ RIGHT = {
     "open_results": {"path": "no such file", "verify": True},
     "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
-    "calibrated_stretch": {"model": fh.Elastic(KERNEL, 1.0), "spacing": 1.0, "fracture_energy": 1.0, "dim": 2},
+    "calibrated_stretch": {
+        "model": fh.Elastic(KERNEL, 1.0),
+        "spacing": 1.0,
+        "fracture_energy": 1.0,
+        "dim": 2,
+        "calibrate": "running",
+    },
     "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
     "surface_factor": {"lattice": PLANE, "model": fh.Elastic(KERNEL, 1.0), "boundary": None},
     "sweep": {
@@ -371,7 +384,7 @@ RIGHT = {
 }
 # results, which are not made by hand, names of materials, and base classes
 NOT_MADE = {"Certificate", "Gradient", "Inversion", "materials", "LatticeModel"} | {
-    *("Load", "Misfit", "DataMisfit", "Shape", "Side", "Signal")
+    *("BondLaw", "Load", "Misfit", "DataMisfit", "Shape", "Side", "Signal")
 }
 
 

@@ -41,7 +41,14 @@ def properties():
 
 
 def test_the_schema_is_one():
-    jsonschema.Draft202012Validator.check_schema(key_page.tables()["CasePart"])
+    for name in key_page.FILES:
+        jsonschema.Draft202012Validator.check_schema(key_page.tables()[name])
+
+
+def test_inversion_files_are_on_the_page_of_keys():
+    text = key_page.markdown()
+    for words in ("## The inversion file", "## `[inversion]`", "## `[[shot]]`", "`wrt = ", "`bounds = "):
+        assert words in text, words
 
 
 def test_each_key_of_the_schema_is_on_the_page():

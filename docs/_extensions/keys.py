@@ -1,10 +1,11 @@
-"""Every key of a case file as Markdown, from the schema, the examples and the docstrings."""
+"""Every key of case and inversion files as Markdown, from the schema, the examples and the docstrings."""
 
 from __future__ import annotations
 
 import ast
 import doctest
 import inspect
+import itertools
 import json
 import re
 import tomllib
@@ -16,31 +17,37 @@ from typing import Any
 import jsonschema
 
 import farhorizon as fh
-from farhorizon.case.schema import schema
+from farhorizon.case.inversion_schema import inversion_part
+from farhorizon.case.schema import schema, schema_of
 from farhorizon.case.toml import literal
 
 DOCS = Path(__file__).resolve().parents[1]
 CASES = [*sorted((DOCS.parent / "examples").glob("*.toml")), *sorted((DOCS / "tutorials").glob("*.toml"))]
+INVERSION = re.search(r"```toml\n(.*?)```", (DOCS / "howto" / "invert.md").read_text(encoding="utf-8"), re.DOTALL)
+FILES = {"CasePart": "The case", "InversionFilePart": "The inversion file"}  # headings of whole files by their tables
 WORDS = {"number": "a number", "integer": "a whole number", "string": "a text", "boolean": "true or false"}
 
 
 @lru_cache(maxsize=1)
 def tables() -> dict[str, dict[str, Any]]:
-    """The schema of each table by its name; the case itself is "CasePart"."""
-    whole = schema()
-    return {"CasePart": whole, **whole["$defs"]}
+    """The schema of each table by its name; whole files are those of `FILES`."""
+    case, inversion = schema(), schema_of(inversion_part())
+    inversion |= {"title": "farhorizon inversion", "description": "Shots, and what is sought from them."}
+    return {"CasePart": case, "InversionFilePart": inversion, **inversion["$defs"], **case["$defs"]}
 
 
 def markdown() -> str:
-    """All tables, those of the case in their order, then those that others hold."""
+    """All tables, those of a file in their order, then those that others hold."""
     return "\n".join(line for name in _order(tables()) for line in _section(name))
 
 
 def _order(found: dict[str, dict[str, Any]]) -> list[str]:
-    """Names as the case file mentions them, breadth first."""
-    names = ["CasePart"]
-    for name in names:
-        names += [one for one in dict.fromkeys(_references(found[name].get("properties", {}))) if one not in names]
+    """Names as the files mention them, breadth first."""
+    names: list[str] = []
+    for file in FILES:
+        names.append(file)
+        for name in itertools.islice(names, names.index(file), None):
+            names += [one for one in dict.fromkeys(_references(found[name].get("properties", {}))) if one not in names]
     return names
 
 
@@ -84,12 +91,14 @@ def titles() -> dict[str, str]:
     places: dict[str, list[str]] = {}
     for outer, table in tables().items():
         for key, value in table.get("properties", {}).items():
-            place = f"[{key}]" if outer == "CasePart" else key
+            place = f"[{key}]" if outer in FILES else key
             for name in _references(value):
-                listed = outer == "CasePart" and value.get("type") == "array"
+                listed = outer in FILES and value.get("type") == "array"
                 places.setdefault(name, []).append(f"[{place}]" if listed else place)
-    found = {"CasePart": "The case"}
-    for name in _order(tables())[1:]:
+    found = dict(FILES)
+    for name in _order(tables()):
+        if name in FILES:
+            continue
         words = ", ".join(f"`{place}`" for place in dict.fromkeys(places[name]))
         kind = tables()[name]["properties"].get("type", {})
         words += f" with `type = {literal(kind['const'])}`" if "const" in kind else ""
@@ -104,7 +113,7 @@ def escaped(text: str) -> str:
 
 def meaning(name: str, key: str) -> str:
     """What a key means: a paragraph of Markdown."""
-    return escaped(tables()[name]["properties"][key]["description"])
+    return escaped(" ".join(tables()[name]["properties"][key]["description"].split()))
 
 
 def example(name: str, key: str) -> str:
@@ -225,6 +234,8 @@ def _used() -> dict[tuple[str, str], Any]:
 
     for path in CASES:
         visit("CasePart", tomllib.loads(path.read_text(encoding="utf-8")))
+    if INVERSION is not None:
+        visit("InversionFilePart", tomllib.loads(INVERSION[1]))
     return found
 
 

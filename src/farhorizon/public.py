@@ -10,6 +10,7 @@ from farhorizon.boundaries import FirstOrder as FirstOrder
 from farhorizon.boundaries import Fixed as Fixed
 from farhorizon.boundaries import Free as Free
 from farhorizon.boundaries import Higdon as Higdon
+from farhorizon.boundaries import Impedance as Impedance
 from farhorizon.boundaries import LatticePML as LatticePML
 from farhorizon.boundaries import NonlocalPML as NonlocalPML
 from farhorizon.boundaries import Periodic as Periodic
@@ -85,6 +86,10 @@ from farhorizon.inverse.misfits import Misfit as Misfit
 from farhorizon.inverse.misfits import OwnMisfit as OwnMisfit
 from farhorizon.inverse.misfits import TravelTime as TravelTime
 from farhorizon.medium.attenuation import Attenuation as Attenuation
+from farhorizon.medium.bond_laws import BilinearSoftening as BilinearSoftening
+from farhorizon.medium.bond_laws import BondLaw as BondLaw
+from farhorizon.medium.bond_laws import ExponentialSoftening as ExponentialSoftening
+from farhorizon.medium.bond_laws import ViscoelasticBond as ViscoelasticBond
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials

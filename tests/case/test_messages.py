@@ -200,7 +200,7 @@ WORST = {
     ),
     "a side of another material": (
         lambda: fh.Simulation(PLANE, fh.Elastic(fh.Kernel(1.0), 1.0), fh.Higdon()),
-        r"limit: Auto, Extended, Fixed, Free, LatticePML, Periodic, PlaneWave, Sponge; remedy",
+        r"limit: Auto, Extended, Fixed, Free, Impedance, LatticePML, Periodic, PlaneWave, Sponge; remedy",
         "Exact",
     ),
     "no density": (

@@ -48,6 +48,12 @@ CASES = {
         "True",
         "leave",
     ),
+    "drag": (
+        {"model": fh.Correspondence(KERNEL, 1.0, 0.2, drag=0.3), "wrt": "u", **SOLID},
+        "model.drag",
+        "0.3",
+        "damping",
+    ),
     "a source of the field": ({"sources": ["u*(1 - u)"]}, "source", "OfField", "background"),
     "several stages": (
         {"model": fh.Diffusion(KERNEL, integrator="rk4"), "wrt": "diffusivity", "dt": None},

@@ -66,6 +66,7 @@ def good():
         "Auto": {},
         "Ball": {"radius": 1.0},
         "Beam": {"stiffness": 1.0},
+        "BilinearSoftening": {"onset": 0.01, "final": 0.04},
         "BodyForce": {"value": [1.0, 0.0]},
         "Box": {"lower": [0.0, 0.0], "upper": [1.0, 1.0]},
         "Chirp": {"first": 0.1, "last": 0.2, "duration": 9.0},
@@ -79,6 +80,7 @@ def good():
         "DiscCut": {"centre": [0.0] * 3, "normal": [0.0, 0.0, 1.0], "radius": 1.0},
         "Elastic": {"kernel": fh.Kernel(1.0, 1), "young": 1.0},
         "Exact": {},
+        "ExponentialSoftening": {"onset": 0.01, "final": 0.04},
         "Expression": {"text": "x", "dim": 2},
         "Extended": {},
         "FarField": {"frequencies": [0.05], "points": [(9.0, 0.0)]},
@@ -89,6 +91,7 @@ def good():
         "Gaussian": {"width": 3.0},
         "Heat": {"operator": kernel},
         "Higdon": {},
+        "Impedance": {"stiffness": 1.0},
         "Insulated": {"where": "x-"},
         "ImageMask": {"image": np.ones((3, 3), bool), "width": 1.0},
         "RayleighWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
@@ -133,6 +136,7 @@ def good():
         "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]},
         "Polyline": {"points": square},
         "ShellRecorder": {"box": fh.Box((-2.0, -2.0), (2.0, 2.0))},
+        "ViscoelasticBond": {"relaxing": 0.4, "time": 1.0},
         "Voxels": {"voxels": np.ones((3, 3), int), "size": 1.0},
         "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0)), "frequencies": [0.1]},
         "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
@@ -203,6 +207,7 @@ NOT_CALLED = {
     "LatticeModel",
     "Load",
     "Probes",
+    "BondLaw",
     "Shape",
     "Side",
     "Signal",
@@ -266,11 +271,15 @@ def call(job):
         "FirstOrder",
         "Fixed",
         "Free",
+        "Impedance",
         "Periodic",
     ):
         fh.Simulation(**{**setup, "boundary": made}).step(1)
     elif name in ("Wave", "Diffusion", "Heat"):
         fh.Simulation(**{**setup, "model": made}).step(1)
+    elif name in ("BilinearSoftening", "ExponentialSoftening", "ViscoelasticBond"):
+        solid = {"model": fh.Elastic(fh.Kernel(1.0, 1), 1.0, law=made), "initial": {}}
+        fh.Simulation(**{**setup, **solid}).step(1)
     elif name in ("FarField", "PowerThrough", "Receivers", "Spectra"):
         fh.Simulation(**{**setup, "initial": {"u": "exp(-9*(x**2 + y**2))"}, "observe": [made]}).step(2)
     elif name == "Reaction":

@@ -315,7 +315,8 @@ class Draw:
                     model["critical_stretch"] = self.one("1 + cos(x)**2", varies)
         if material == "correspondence":
             model["stabilisation"] = self.number(0.1, 0.9)
-        closed = [{"type": "fixed"}] + [{"type": "free"}] * (material != "finite-element")
+        support = {"type": "impedance", "stiffness": self.number(0, 2), "viscosity": self.number(0, 2)}
+        closed = [{"type": "fixed"}] + [{"type": "free"}, support] * (material != "finite-element")
         case = {
             "lattice": self.lattice(),
             "model": model,
@@ -604,6 +605,8 @@ class Draw:
                 {"density": self.number(0.5, 2.0)},
                 {"plane": self.one("stress", "strain")},
                 {"critical_stretch": 0.1, "softening": self.one("linear", "exponential")},
+                {"law": {"type": self.one("bilinear-softening", "exponential-softening"), "onset": 0.1, "final": 0.3}},
+                {"law": {"type": "viscoelastic-bond", "relaxing": self.number(0, 1), "time": self.time}},
                 {"fracture_energy": self.number(0.1, 2.0)},
                 {"damping": self.number(0, 0.2) / self.time},
             ],

@@ -10,6 +10,7 @@ from farhorizon.boundaries.exact import Exact, ExactEnds
 from farhorizon.boundaries.extended import Extended
 from farhorizon.boundaries.first_order import FirstOrder
 from farhorizon.boundaries.higdon import Higdon
+from farhorizon.boundaries.impedance import Impedance
 from farhorizon.boundaries.lattice_pml import LatticePML
 from farhorizon.boundaries.nonlocal_pml import NonlocalPML
 from farhorizon.boundaries.outline import Closing, Outline, OutlineCondition
@@ -31,6 +32,7 @@ __all__ = [
     "Fixed",
     "Free",
     "Higdon",
+    "Impedance",
     "LatticePML",
     "NonlocalPML",
     "Outline",

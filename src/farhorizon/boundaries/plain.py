@@ -50,8 +50,7 @@ class Fixed(Side):
 class Free(Side):
     """The body ends here: bonds across the side do not exist.
 
-    Opposite free sides must be at least twice the reach of the stencil apart; a thinner plate must be the `body` of a
-    wider `Lattice`.
+    A body between opposite free or fixed sides may be as thin as one node.
 
     Examples
     --------

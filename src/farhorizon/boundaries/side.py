@@ -176,6 +176,12 @@ class Side:
         """Return the layer of the side for unknown data and run length; see `LatticePML.make_layer`."""
         raise NotImplementedError
 
+    def node_rule(self, axis: int, components: int) -> np.ndarray | None:
+        """Return the stiffness and the viscosity per area, of each component of the field, that support the last nodes
+        of the near field along an axis, shape (2, components); None if nothing does.
+        """
+        return None
+
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
         """Return the damping at the side's nodes from the near field outwards, shape (nodes,)."""
         raise NotImplementedError

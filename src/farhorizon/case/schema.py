@@ -313,6 +313,7 @@ class Known(NamedTuple):
     waves: tuple[Any, ...]
     loads: tuple[Any, ...]
     recorders: tuple[Any, ...]
+    laws: tuple[Any, ...]
     constraints: tuple[Any, ...] = (*get_args(Constraint), fh.Prescribed)
 
 
@@ -326,6 +327,7 @@ _FAMILIES: dict[Any, Any] = {
     Incident: fh.IncidentWave,
     Load: fh.Traction,
     Recorder: fh.Receivers,
+    fh.BondLaw: fh.BilinearSoftening,
 }
 _OTHERS = (LatticeModel, Shape, Recorder)  # classes that need not be dataclasses
 
@@ -470,6 +472,8 @@ class Tables:
             return self.region
         if isinstance(hint, type) and issubclass(hint, Shape | fh.Kernel | fh.Attenuation | fh.Rectangle | fh.DiscCut):
             return self.of(hint)
+        if hint is fh.BondLaw:
+            return _one_of([self.of(maker, True) for maker in self.known.laws])
         if is_model(hint) or hint is fh.Weibull:
             return self.of(hint, not is_model(hint))
         return _TOML.get(hint)

@@ -144,6 +144,8 @@ def bond_rows(sim: Examined) -> Rows:
         least, largest = (f"{stretch:.4g}" for stretch in bonds.critical_stretches)
         stretch = least if least == largest else f"{least} to {largest}"
         breaking = f"{_ENDS[law.softening]} a stretch of {stretch}, except within one reach of sides that are not free"
+    if law.law is not None:
+        breaking = f"{law.law}, except within one reach of sides that are not free"
     shape = "nonlinear" if law.nonlinear else "linear"
     contact = ", absent ones carry compression" if law.contact else ""
     return [("bonds", f"{shape}, {breaking}{contact}; predictions are for the linear form with intact bonds")]

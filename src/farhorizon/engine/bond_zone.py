@@ -25,6 +25,7 @@ from farhorizon.engine.bonds import (
     all_bits,
     factors_of,
 )
+from farhorizon.engine.codegen.bond_functions import BondFunctions, function_sweep, stored
 from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS, BondLaw
 from farhorizon.engine.codegen.build import load_rows
 from farhorizon.engine.field import Field
@@ -42,6 +43,7 @@ class BondZone:
     def __init__(self, engine: Field) -> None:
         self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.softening: str | None = None  # how bonds soften beyond their limit
+        self.functions: BondFunctions | None = None  # of a law that is a function
         self._unbroken: np.ndarray | None = None
 
     def expect_cuts(self) -> None:
@@ -76,6 +78,8 @@ class BondZone:
         softening: str | None = None,
         final: np.ndarray | None = None,
         contact_stiffness: np.ndarray | None = None,
+        functions: BondFunctions | None = None,
+        numbers: np.ndarray | None = None,
     ) -> None:
         """Set the zone, in nodes of the core: bonds with both ends in it have a law of their own stretch and may break.
 
@@ -89,8 +93,11 @@ class BondZone:
         weakest node, which is then `limit`, and the weaker end of a bond counts; `final`, the stretch at which
         softening bonds have lost all stiffness, not below the limit; and, in state-based media, `contact_stiffness`
         relative to the stiffness of the medium.
+
+        The law may be `functions`, with `numbers` as in `Bonds.parameters`; bonds up to `limit` are then springs that
+        remember nothing, unless they have been stretched more, and there are none where it is minus infinity.
         """
-        engine, self.softening, self._unbroken = self.engine, softening, None
+        engine, self.softening, self.functions, self._unbroken = self.engine, softening, functions, None
         block, components, forces = engine.layout.box, engine.components, engine.passes is None
         xi = spacing * engine.offsets[:, 3 - components :].astype(float)
         scaled = engine.stages.numbers[0][2] * np.asarray(stiffness)
@@ -109,7 +116,12 @@ class BondZone:
             contact=contact and forces,
             thermal=warm,
             softening=softening,
+            surface=len(engine.absent.excess) if forces else 0,
         )
+        addresses = np.array(load_rows("bond_rows", law=law), np.int64)
+        start = np.repeat(() if functions is None else functions.start, len(engine.offsets))
+        if functions is not None:
+            addresses[DAMAGED] = function_sweep(law, functions).address
         released, bounds = self._energies(spacing)
         spread = {
             name: engine.spread(values, jointly=True)
@@ -119,23 +131,29 @@ class BondZone:
         bonds = with_defaults(
             Bonds,
             engine.dtype,
-            functions=np.array(load_rows("bond_rows", law=law), np.int64),
+            functions=addresses,
             table=np.column_stack([xi, 1 / (xi**2).sum(1), scaled]).astype(engine.dtype),
             places=np.column_stack([engine.offsets @ np.array(block.stride), engine.offsets]).astype(np.int64),
             alive=alive,
             kinds=kinds,
             zone=zone.table(engine.layout.reach),
-            limit=np.array([limit, (limit / 2 * spacing) ** 2], engine.dtype),
+            limit=np.array([limit, (max(limit, 0.0) / 2 * spacing) ** 2], engine.dtype),
             nonlinear=nonlinear,
             broken=np.zeros((*rows, 2)),
             forces=forces,
             changed=np.zeros_like(kinds),
             full=full,
             thermal_strain=np.zeros(engine.layout.size if warm else 1, engine.dtype),
-            residual_stiffness=np.ones((len(engine.offsets) if softening else 0, alive.shape[1]), engine.dtype),
+            residual_stiffness=np.ones(
+                (len(engine.offsets) if softening or functions is not None else 0, alive.shape[1]), engine.dtype
+            ),
+            history=np.repeat(start.astype(engine.dtype)[:, None], alive.shape[1], 1),
+            parameters=np.zeros(0) if numbers is None else numbers,
             released=released,
             bounds=bounds,
             room=np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2])),
+            excess=engine.absent.excess.astype(engine.dtype),
+            cosines=(engine.absent.cosines / 2).astype(engine.dtype),
             **spread,
         )
         if not forces:
@@ -232,6 +250,10 @@ class BondZone:
         damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
         for residual_stiffness in self.table.residual_stiffness:
             damaged |= residual_stiffness[block.node_indices()] < 1
+        if self.functions is not None and self.limit < 0:  # there is nothing that a bond does not remember
+            damaged[...] = True
+        if self.table.forces:
+            damaged[tuple(block.coordinates(self.engine.absent.stiffened[0]).T)] = True
         for axis, m in enumerate(self.engine.layout.reach):
             i = np.arange(block.nodes[axis])
             damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
@@ -301,6 +323,8 @@ class BondZone:
             bonds |= {"changed": table.changed, "before": table.before}
         if table.residual_stiffness.size:
             bonds["shares"] = table.residual_stiffness
+        if table.history.size:
+            bonds["history"] = table.history
         work = self.engine.tables.work
         return bonds | ({"work": work} if work.size else {})
 
@@ -358,8 +382,13 @@ class BondZone:
         bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
         table, material = self.table, self.engine.tables.material
         if not table.forces:
-            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive)
+            none = table.excess[:0]
+            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive, excess=none)
             material = material._replace(coefficient=table.contact_stiffness)
+        by_function = 0.0
+        if self.functions is not None:  # of the other bonds below
+            by_function = self._stored(self.functions, *bounds, nodes, full)
+            table = table._replace(residual_stiffness=0 * table.residual_stiffness)
         total = laws.strain_energy(
             self.engine.current,
             self.engine.older,
@@ -372,7 +401,45 @@ class BondZone:
             table._replace(thermal_strain=table.thermal_strain[:1] * 0) if cold else table,
             bool(self.engine.heat_passes),
         )
-        return float(total) / self.engine.stages.numbers[0][2]
+        return (float(total) + by_function) / self.engine.stages.numbers[0][2]
+
+    def _stored(
+        self, functions: BondFunctions, first: np.ndarray, end: np.ndarray, nodes: np.ndarray, full: np.ndarray
+    ) -> float:
+        """Energy of the bonds of some nodes whose law is a function, in units of the update; arguments as in
+        `energy`, in nodes of the box.
+        """
+        engine, table, block = self.engine, self.table, self.engine.layout.box
+        places = block.node_indices()[tuple(slice(a, b) for a, b in zip(first, end, strict=True))][nodes]
+        at = np.argwhere(nodes) + first
+        levels = [level.reshape(engine.components, -1).astype(float) for level in (engine.current, engine.older)]
+        xi, of_function, total = table.table[:, : engine.components].astype(float), stored(functions), 0.0
+        curved = self._follows(at)
+        for bond, (distance, *offset) in enumerate(table.places):
+            beyond = at + np.array(offset)
+            alive = table.alive[bond >> 6, places] >> np.uint64(bond & 63) & np.uint64(1) != 0
+            bonds = alive & curved & self._follows(beyond)
+            here, there, length = places[bonds], places[bonds] + distance, float(np.linalg.norm(xi[bond]))
+            stretches = []
+            for level in levels:
+                eta = level[:, there] - level[:, here]
+                e = (eta * (2 * xi[bond][:, None] + (eta if table.nonlinear else 0))).sum(0) / length**2
+                stretches.append(e / (1 + np.sqrt(1 + e)) if table.nonlinear else e / 2)
+            histories = table.history[bond :: len(table.places), here].astype(float)
+            energy = np.zeros(len(here))
+            of_function(*stretches, *histories, energy, table.parameters[1], length, *table.parameters[2:])
+            if table.closing.size:  # those that are shorter are springs, among the other bonds
+                energy[(stretches[0] < 0) & (stretches[1] < 0)] = 0
+            outside = ((beyond < first) & full[:, 0] | (beyond >= end) & full[:, 1]).any(1)[bonds]
+            energy *= factors_of(engine.tables.material, here, there) * np.where(outside, 1.0, 0.5)
+            total += float(table.table[bond, -1]) * length**2 * energy.sum()
+        return total
+
+    def _follows(self, at: np.ndarray) -> np.ndarray:
+        """Which nodes of the box, shape (n, 3), or beyond it, lie where bonds follow the law."""
+        zone = self.table.zone
+        first = zone[laws.LAW_FIRST : laws.LAW_FIRST + 3]
+        return np.asarray(((at >= first) & (at < first + zone[laws.LAW_EXTENT : laws.LAW_EXTENT + 3])).all(1))
 
     def largest_strain(self) -> float:
         """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break,
@@ -406,7 +473,7 @@ class BondZone:
         if strength.size > 1:  # it is zero beyond free sides, where no nodes are
             strength = strength[self.engine.core.node_indices()]
         least, largest = (self.limit * float(factor) for factor in (strength.min(), strength.max()))
-        if not self.nonlinear:
+        if not self.nonlinear or not np.isfinite(self.limit):
             return least / 2, largest / 2
         return float(np.sqrt(1 + least) - 1), float(np.sqrt(1 + largest) - 1)
 

@@ -88,6 +88,10 @@ class Bonds(NamedTuple):
     residual_stiffness: np.ndarray = reals(0, 0)
     #: of nodes, or empty: stretch at which softening bonds have lost all stiffness; the smaller of both ends counts
     final: np.ndarray = reals(0)
+    #: (numbers of a history * K, places of the core), or empty: what bonds remember whose law is a function
+    history: np.ndarray = reals(0, 0)
+    #: of such a law, or empty: 1 while histories rest, else 0, the time step, then its own
+    parameters: np.ndarray = doubles(0)
     #: (K, 3), or empty if bonds break by their stretch: energy lost with a bond at a critical stretch of 1, per unit of
     #: each modulus of one end, in units of the update, see `engine.release`
     released: np.ndarray = doubles(0, 3)
@@ -98,6 +102,10 @@ class Bonds(NamedTuple):
     #: bonds at first, so that fewer bear its stress
     harmonic_eigenvalue: np.ndarray = reals(1, value=1.0)
     room: np.ndarray = doubles(0, 0, 0)  # (threads, n, nodes): work space for energies of bonds
+    #: (M, places), or empty: numbers of nodes from which the factors of springs near surfaces follow, and half the
+    #: weights of each of a bond's ends in them, (K, M); see `stiffening`
+    excess: np.ndarray = reals(0, 0)
+    cosines: np.ndarray = reals(0, 0)
 
 
 class StateBonds(NamedTuple):
@@ -192,6 +200,17 @@ def spring_factor(material, node, distance):
 
 
 @njit(error_model="numpy", inline="always")
+def stiffening(bonds, node, bond):
+    """Factor of a spring near a surface: the mean of those of its ends, ``1 + 2 cosines . excess``."""
+    factor = 1.0
+    for number in range(bonds.excess.shape[0]):
+        numbers = bonds.excess[number]
+        both = np.float64(numbers[node]) + np.float64(numbers[node + bonds.places[bond, 0]])
+        factor += np.float64(bonds.cosines[bond, number]) * both
+    return factor
+
+
+@njit(error_model="numpy", inline="always")
 def bond_gap(rule, near, far, value_near, value_far, ceiling):
     """Difference of the values at the ends of a bond; between two phases no value counts for more than the ceiling."""
     if rule == PHASES and near * far < 0:
@@ -252,6 +271,8 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     factor = np.float64(xi[components + 1])
     if coefficient.size > 1:
         factor *= bond_factor(material.rule, coefficient[node], coefficient[node + distance])
+    if bonds.excess.size:
+        factor *= stiffening(bonds, node, bond)
     return 0.5 * factor * length * now * before
 
 
@@ -347,10 +368,14 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(bonds.thermal_strain.ctypes.data + node * size),
                 np.int64(bonds.residual_stiffness.ctypes.data + node * size),
                 np.int64(bonds.final.ctypes.data + node * size),
+                np.int64(bonds.history.ctypes.data + node * size),
+                np.int64(bonds.parameters.ctypes.data),
                 np.int64(bonds.broken[i0, tile_row].ctypes.data),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
+                np.int64(bonds.excess.ctypes.data + node * size),
+                np.int64(bonds.cosines.ctypes.data),
             )
             shape = TileShape(bonds.places.shape[0], alive.shape[1], n, count, block[5], apart, i0, row, i2)
             result = call_bonds(bonds.functions[kind], at, shape, stage.a_difference, stage.b, bonds.limit[0])
@@ -448,6 +473,8 @@ def strain_energy(u, old, block, first, end, nodes, full, components, material, 
                             gain *= bond_factor(
                                 rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
                             )
+                        if bonds.excess.size:
+                            gain *= stiffening(bonds, node + begin + i, bond)
                         acts = words[i] & mask != 0
                         left = gain if acts else 0.0
                         if softens and acts:

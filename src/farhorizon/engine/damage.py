@@ -27,6 +27,7 @@ from farhorizon.engine.bonds import (
     next_piece,
     spring_factor,
     squared_stretch,
+    stiffening,
     sweep_tiles,
     thermal_squared_stretch,
 )
@@ -200,6 +201,8 @@ def node_energy(stage, node, bits, medium, numbers):
                     force += weights[(k * columns + a) * rows + row] * numbers[_STATE + row]
                 if pulls.size:
                     factor = spring_factor(medium.material, node, distances[k]) / 2
+                    if medium.bonds.excess.size:
+                        factor *= stiffening(medium.bonds, node, k)
                     for b in range(columns):
                         place = node + b * apart
                         gap = u[place + distances[k]] - u[place]
@@ -263,6 +266,8 @@ def node_force(stage, node, medium):
                     total += weights[(k * columns + a) * rows + row] * (states[place] + states[place + distances[k]])
                 if pulls.size:
                     factor = spring_factor(medium.material, node, distances[k])
+                    if medium.bonds.excess.size:
+                        factor *= stiffening(medium.bonds, node, k)
                     for b in range(columns):
                         place = node + b * apart
                         total += factor * pulls[(k * columns + a) * columns + b] * (u[place + distances[k]] - u[place])

@@ -42,6 +42,7 @@ from farhorizon.engine.operations import (
     operations_of,
     operator_operations,
     sweep_operations,
+    with_histories_at_rest,
     without_contact,
     without_heat,
 )
@@ -600,7 +601,7 @@ class _Prepared:
         self.engine, self.of, self.keep_memory = engine, engine.tables, keep_memory
         scale = engine.stages.numbers[0][2]  # the last stage may not apply the operator
         numbers = np.array([numbers_of(engine, float(engine.stages.increments), 0.0, scale, 0.0)], engine.dtype)
-        tables = once(engine.tables, operations, numbers)
+        tables = once(with_histories_at_rest(engine.tables), operations, numbers)
         if not thermal:
             tables = without_heat(tables)
         if not contact:

@@ -48,6 +48,7 @@ class Field(Protocol):
     heat_vectors: np.ndarray
     heat_passes: tuple[LayerOperator, ...]
     drag_pass: LayerOperator | None
+    absent: Any
     all_layers: list[LayerTables]
     exchange: Exchange | None
 

@@ -33,13 +33,62 @@ class AbsentBonds:
     #: Places in a level, of the first component, where no node exists but from which bonds lead to existing nodes: they
     #: must be held at zero.
     outside: np.ndarray
+    #: Numbers of nodes from which the factors of springs near surfaces follow, shape (M, places), and the weights of
+    #: each end of a bond in them, (K, M), see `stiffen`; M = 0 without any.
+    excess: np.ndarray
+    cosines: np.ndarray
+    #: Bonds that have such a factor: places of their nodes and neighbours, and the weights, without coefficients, that
+    #: they lose by it, which are negative where they are stiffer.
+    stiffened: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def __init__(self, engine: Field, bonds: BondZone) -> None:
         self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.bonds = bonds
         self._opened: tuple[np.ndarray, Material, np.ndarray, np.ndarray] | None = None
-        none = np.zeros(0, np.int64)
-        self.set(none, none, np.zeros((0, *engine.weights.shape[1:])))
+        none, no_weights = np.zeros(0, np.int64), np.zeros((0, *engine.weights.shape[1:]))
+        self.excess, self.cosines = np.zeros((0, 0)), np.zeros((len(engine.offsets), 0))
+        self.stiffened = none, none, no_weights
+        self.set(none, none, no_weights)
+
+    def stiffen(self, excess: np.ndarray, cosines: np.ndarray) -> None:
+        """Multiply springs by the mean of ``1 + cosines @ excess`` of their ends from the next `set` on, by which the
+        zone of a law must be set, too; shapes (M, places) and (K, M), without numbers where no nodes are.
+        """
+        engine = self.engine
+        self.excess, self.cosines = excess, cosines
+        near = engine.layout.box.node_indices().ravel()
+        ends, weights = [], []
+        for distance, cosine, weight in zip(engine.layout.distances, cosines, engine.weights, strict=True):
+            softer = -cosine @ (excess[:, near] + excess[:, near + distance]) / 2
+            unlike = np.flatnonzero(softer)
+            ends.append(near[unlike] + np.array([[0], [distance]]))
+            weights.append(np.multiply.outer(softer[unlike], weight))
+        nodes, neighbours = np.concatenate(ends, axis=1)
+        self.stiffened = nodes, neighbours, np.concatenate(weights)
+
+    def factors_at_surfaces(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Factors of the springs between some places by `stiffen`."""
+        if not len(self.excess):
+            return np.ones(len(nodes))
+        bonds = self.engine.layout.bonds_between(nodes, neighbours)
+        both = self.excess[:, nodes] + self.excess[:, neighbours]
+        return np.asarray(1 + np.einsum("km,mk->k", self.cosines[bonds], both) / 2)
+
+    def _with_stiffened(self, cut: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+        """Add to the bonds that are absent those with a factor, unless they are absent, too, or swept bit by bit."""
+        nodes, neighbours, _ = self.stiffened
+        if not nodes.size:
+            return cut
+        size = self.engine.layout.size
+        kept = self.exists[nodes] & self.exists[neighbours]
+        kept &= ~np.isin(nodes * size + neighbours, cut[0] * size + cut[1])
+        if self.bonds.forces:
+            kept &= ~self.bonds.contains(self.engine.layout.box.coordinates(nodes))
+        nodes, neighbours, weights = (
+            np.concatenate([of_cut, of_stiff[kept]]) for of_cut, of_stiff in zip(cut, self.stiffened, strict=True)
+        )
+        order = np.lexsort((neighbours, nodes))
+        return nodes[order], neighbours[order], weights[order]
 
     def set(
         self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
@@ -75,6 +124,7 @@ class AbsentBonds:
             pushes, traces = (heat_pass.without(nodes, neighbours) for heat_pass in engine.heat_passes)
             tables = engine.tables
             engine.replace(pushes=tables.pushes._replace(layers=pushes), traces=tables.traces._replace(layers=traces))
+        nodes, neighbours, weights = self._with_stiffened((nodes, neighbours, weights))
         engine.replace(
             cuts=Cuts(nodes, neighbours, weights.astype(engine.dtype).ravel()),
             layers=cut_layers(engine.layer_tables, nodes, neighbours, weights),

@@ -377,6 +377,15 @@ def without_contact(tables: Tables) -> Tables:
     return tables._replace(bonds=tables.bonds._replace(closing=tables.bonds.closing[:0]))
 
 
+def with_histories_at_rest(tables: Tables) -> Tables:
+    """Return the same tables for what is not a step of the run: bonds whose law is a function keep their histories."""
+    if not tables.bonds.parameters.size:
+        return tables
+    parameters = tables.bonds.parameters.copy()
+    parameters[0] = 1
+    return tables._replace(bonds=tables.bonds._replace(parameters=parameters))
+
+
 def _later(gradient_pass: Pass) -> bool:
     """Whether some states are complete only after all sums have been computed."""
     law, nodes = gradient_pass.sweep.law, gradient_pass.sweep.block[1:4]

@@ -199,6 +199,7 @@ def digest(engine: Engine) -> str:
             for array in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps, layer.tuned)
         ),
         tables.material.coefficient,
+        tables.bonds.excess,
         *tables.cuts,
         *tables.surface[:-1],
         *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
@@ -266,6 +267,7 @@ def pieces_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> d
     bonds = engine.bonds.table
     pieces |= {f"bonds/{word}": Piece(bits, nodes, axes) for word, bits in enumerate(bonds.alive)}
     pieces |= {f"shares/{bond}": Piece(left, nodes, axes) for bond, left in enumerate(bonds.residual_stiffness)}
+    pieces |= {f"history/{line}": Piece(values, nodes, axes) for line, values in enumerate(bonds.history)}
     if engine.tables.phases.dissolved.size:
         pieces["dissolved"] = Piece(engine.tables.phases.dissolved, nodes, axes)
     return pieces

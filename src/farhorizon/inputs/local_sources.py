@@ -30,7 +30,7 @@ _PER_NODE = 2  # points along a line or a patch for each spacing of its length
 
 _ROUNDING = 1e-15  # of the entries of a unit tensor
 _SYMMETRIC = 1e-6  # of the largest entry: tensors in catalogues have six digits and fewer
-_ANGLES = ("strike", "dip", "rake")
+ANGLES = ("strike", "dip", "rake")
 
 
 class LocalSource(Registered, Storable, ABC):
@@ -330,12 +330,12 @@ class MomentTensor(LocalSource):
                 key="source.moment",
                 remedy="(M + M^T) / 2; a torque from outside is a pair of PointForce",
             )
-        given = {name: getattr(self, name) for name in _ANGLES if getattr(self, name) is not None}
-        if given and (len(given) < len(_ANGLES) or moment.ndim):
+        given = {name: getattr(self, name) for name in ANGLES if getattr(self, name) is not None}
+        if given and (len(given) < len(ANGLES) or moment.ndim):
             raise InputError(
                 "a double couple is given by strike, dip, rake and one number for the moment",
                 value=f"{', '.join(given)} and a {'tensor' if moment.ndim else 'number'}",
-                limit=f"{', '.join(_ANGLES)} and a number",
+                limit=f"{', '.join(ANGLES)} and a number",
                 key="source.moment",
                 remedy="all three angles, or the tensor alone",
             )
@@ -351,7 +351,9 @@ class MomentTensor(LocalSource):
             A tensor of another shape, a double couple in other than three dimensions.
         """
         if self.strike is not None and dim == 3:
-            return self.moment * _double_couple(*(np.radians(getattr(self, name)) for name in _ANGLES))
+            couple = self._couple()
+            # rounding, as in cos(90 degrees), makes no force
+            return self.moment * np.where(np.abs(couple) > _ROUNDING, couple, 0.0)
         tensor = np.asarray(self.moment) * np.eye(dim) if np.ndim(self.moment) == 0 else np.asarray(self.moment)
         if self.strike is not None or tensor.shape != (dim, dim):
             raise InputError(
@@ -379,9 +381,20 @@ class MomentTensor(LocalSource):
         """The change of the source on the nodes per length by which its place moves along an axis."""
         return self._force(lattice, key, axis)
 
-    def _force(self, lattice: Lattice, key: str, moving: int | None = None) -> np.ndarray:
-        """Its force on the nodes, or the change of that per length along an axis."""
-        tensor = self.tensor(lattice.dim)
+    def turned(self, lattice: Lattice, key: str, angle: str) -> np.ndarray:
+        """The change of the source on the nodes per degree of one of the angles of a double couple."""
+        step = 1e-20  # of the complex-step derivative: no difference is taken, so nothing cancels
+        return self._force(lattice, key, tensor=self.moment * self._couple(**{angle: 1j * step}).imag / step)
+
+    def _couple(self, **more: complex) -> np.ndarray:
+        """The double couple of the angles, to each of which some degrees are added."""
+        return _double_couple(*(np.pi / 180 * (getattr(self, name) + more.get(name, 0)) for name in ANGLES))
+
+    def _force(
+        self, lattice: Lattice, key: str, moving: int | None = None, tensor: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Its force on the nodes, or the change of that per length along an axis, for its tensor or another one."""
+        tensor = self.tensor(lattice.dim) if tensor is None else tensor
         points = as_points([self.at], lattice.dim, f"{key}.at")
         force = np.zeros((lattice.dim, *lattice.shape))
         for axis in np.flatnonzero(tensor.any(0)):
@@ -399,8 +412,7 @@ def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:
     up = np.array([0.0, 0.0, 1.0])
     normal = np.sin(dip) * across + np.cos(dip) * up
     slip = np.cos(rake) * along + np.sin(rake) * (np.sin(dip) * up - np.cos(dip) * across)
-    couple = np.outer(slip, normal) + np.outer(normal, slip)
-    return np.where(np.abs(couple) > _ROUNDING, couple, 0.0)  # rounding, as in cos(90 degrees), makes no force
+    return np.outer(slip, normal) + np.outer(normal, slip)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 
 from farhorizon.boundaries import Fixed
 from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.recorder import Recorder
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
@@ -83,6 +84,9 @@ class AdjointFeed(SourceTable):
     def __init__(self, sim: Simulation, residuals: Residuals, shift: int) -> None:
         near, grid = sim.parts.near, sim.parts.grid
         places, fields, rates = residuals.table()
+        component, node = np.divmod(places, int(np.prod(near.lattice.whole.shape)))
+        here, node = near.lattice.own(node)  # on this process
+        fields, places = fields[:, here], component[here] * int(np.prod(near.lattice.shape)) + node
         factor = near.model.source_factor
         density = 1.0 if near.density is None else float(near.density.min())
         largest = np.abs(rates).max(0, initial=0) @ np.abs(fields).max(1, initial=0) * factor / density
@@ -102,7 +106,14 @@ class AdjointFeed(SourceTable):
         yield Batch(steps, self._places, self._on_places, amplitudes)
 
 
-def adjoint_run(setup: Setup, residuals: Residuals, shift: int, observe: Sequence[Recorder]) -> Simulation:
+def adjoint_run(
+    setup: Setup,
+    residuals: Residuals,
+    shift: int,
+    observe: Sequence[Recorder],
+    team: ProcessGroup = ALONE,
+    topology: Sequence[int] | None = None,
+) -> Simulation:
     """Return the adjoint of a run, at its start.
 
     Parameters
@@ -112,6 +123,8 @@ def adjoint_run(setup: Setup, residuals: Residuals, shift: int, observe: Sequenc
     residuals : Residuals
     shift : int
     observe : sequence of Recorder
+    team, topology
+        Processes that share the run, and boxes along the axes.
     """
     given: dict[str, Any] = dict(setup.boundary)  # type: ignore[arg-type]
     sides = {name: replace(side, value=0.0) if isinstance(side, Fixed) else side for name, side in given.items()}
@@ -119,7 +132,7 @@ def adjoint_run(setup: Setup, residuals: Residuals, shift: int, observe: Sequenc
     still = replace(
         setup, boundary=sides, constraints=held, background=0.0, initial={}, sources=(), loads=(), balance=False
     )
-    sim = Simulation.of(still, observe=observe)
+    sim = Simulation.of(still, observe, team, topology)
     sim._time_loop.source_table = AdjointFeed(sim, residuals, shift)
     return sim
 

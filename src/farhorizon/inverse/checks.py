@@ -12,7 +12,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import nodes_in
 from farhorizon.geometry.shapes import Shape
-from farhorizon.inputs.local_sources import LineSource, MomentTensor, PointForce, PointSource
+from farhorizon.inputs.local_sources import ANGLES, LineSource, MomentTensor, PointForce, PointSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.sources import Source
 from farhorizon.inverse.misfits import Misfit
@@ -28,7 +28,7 @@ _INITIAL = ("u", "v")
 _PARAMETERS: dict[type, tuple[str, ...]] = {
     PointSource: ("at", "strength"),
     PointForce: ("at", "force"),
-    MomentTensor: ("at", "moment"),
+    MomentTensor: ("at", "moment", *ANGLES),
     LineSource: ("strength",),
 }
 
@@ -88,7 +88,9 @@ def source_slopes(sim: Simulation, name: str) -> SourceSlopes:
     source = dict(zip(keys("source", sim.setup.sources), sim.setup.sources, strict=True))[key]
     lattice, components = near.lattice, near.stencil.components
     value = np.asarray(getattr(source, parameter), float)
-    if parameter == "at":
+    if parameter in ANGLES:
+        sources = [Source(source.turned(lattice, key, parameter), source.time)]
+    elif parameter == "at":
         fields = [source.moved(lattice, components, key, axis) for axis in range(lattice.dim)]
         sources = [Source(field, source.time) for field in fields]
     else:  # linear: the derivative by an entry is the source of a unit
@@ -117,6 +119,7 @@ def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
         f"{key}.{name}"
         for key, source in zip(sources, setup.sources, strict=True)
         for name in _PARAMETERS.get(type(source), ())
+        if getattr(source, name) is not None
     ]
     known = [*setup.model.wave_constants, *initial, *sources, *parameters]
     for name in names:
@@ -138,7 +141,7 @@ def check_linear(setup: Setup, asked: Asked) -> None:
             raise InputError(
                 "the side is not reciprocal: a wave from A arrives at B otherwise than one from B at A",
                 value=type(boundary).__name__,
-                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Periodic",
+                limit="LatticePML, Exact, Extended, Sponge, Fixed, Free, Impedance, Periodic",
                 key=f"boundary.{side_name(axis, side)}",
                 remedy="LatticePML(), which continues the infinite lattice",
             )
@@ -190,7 +193,7 @@ def _check_model(setup: Setup) -> None:
     """Refuse models that are not linear, or integrators of several stages."""
     model, law = setup.model, setup.model.bond_law
     if law is not None:
-        flags = {name: True for name in ("nonlinear", "contact", "softening", "warm") if getattr(law, name)}
+        flags = {name: True for name in ("nonlinear", "contact", "softening", "law", "warm") if getattr(law, name)}
         limits = ("critical_stretch", "fracture_energy")
         flags |= {name: getattr(law, name) for name in limits if getattr(law, name, None) is not None}
         for name, value in flags.items():
@@ -202,6 +205,22 @@ def _check_model(setup: Setup) -> None:
                 remedy="leave it out: small waves do not break bonds",
             )
     check_lossless(model, "gradient", "a model without attenuation")
+    if model.drag:
+        raise InputError(
+            "drag is no force: it moves nodes towards the mean of neighbours that are there, heavy or light, "
+            "so that the run is not reciprocal",
+            value=model.drag,
+            limit=0.0,
+            key="model.drag",
+            remedy="damping, or a Sponge",
+        )
+    if model.stiffens_surfaces:
+        raise InputError(
+            "there is no adjoint of corrected surfaces",
+            value='surface = "energy"',
+            key="model.surface",
+            remedy="leave it out",
+        )
     follows = [f"model.{name}" for name in model.follows]
     named = zip(keys("source", setup.sources), setup.sources, strict=True)
     for key in [*follows, *(key for key, source in named if isinstance(source, OfField))]:

@@ -10,14 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import interpolation_blocks
 from farhorizon.inverse.adjoint import Residuals, adjoint_run
 from farhorizon.inverse.checks import asked_for, check_linear, check_misfits, check_region, misfits_of, source_slopes
-from farhorizon.inverse.history import PatchRecorder, Piece, Remade, Rows, WholeHistory, advance
+from farhorizon.inverse.history import PatchRecorder, Piece, Remade, Rows, WholeHistory, advance, on_all_nodes
 from farhorizon.inverse.medium import Medium
 from farhorizon.inverse.misfits import Arrays, Misfit
 from farhorizon.inverse.patch import Patch
 from farhorizon.machine import available_memory
+from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.recorders.receivers import Receivers
 from farhorizon.simulation.recorders.recorder import StepValues
 from farhorizon.simulation.recorders.recording import Recording
@@ -36,8 +38,8 @@ class Gradient(Mapping[str, np.ndarray]):
     misfit : float
     derivatives : dict of str to ndarray
         By a constant of the medium, or initial data: of the shape of the lattice or field, zero outside the region. By
-        "source" or "source[i]": by the factor of time of the source at each step, shape (steps,). By "source.at",
-        "source.strength", "source.force" or "source.moment": of the shape of this parameter.
+        "source" or "source[i]": by the factor of time of the source at each step, shape (steps,). By a parameter of a
+        source, such as "source.at": of the shape of this parameter.
     records : list of dict of str to ndarray
         For each misfit, the records of the run.
     setup : Setup
@@ -87,7 +89,8 @@ def gradient(
     Parameters
     ----------
     setup : Setup or Simulation
-        A linear run, with any sides of the infinite lattice, and walls.
+        A linear run, with any sides of the infinite lattice, and walls; a Simulation of several processes shares the
+        work out among these, all of which return the gradient.
     misfit : Misfit or sequence of Misfit
         Several are added.
     wrt : str or sequence of str
@@ -95,7 +98,7 @@ def gradient(
         values at every node; initial data, "u" and "v"; "source" or "source[i]", by the factor of time of a source;
         "source.at" (or "source[i].at"), by the place of a source at a point, and "source.strength", "source.force",
         "source.moment", as these are given: for a symmetric tensor, the sum over all entries of derivative times change
-        is that of the misfit.
+        is that of the misfit; "source.strike", "source.dip" and "source.rake" of a double couple, per degree.
     until : float
         End of the run.
     region : Shape or ndarray of bool, optional
@@ -117,7 +120,8 @@ def gradient(
     ------
     InputError
         A run that is not linear or sides that are not reciprocal; constants that the model lacks; a region within one
-        reach of sides that absorb; data of another length than the records. All before any step.
+        reach of sides that absorb; data of another length than the records; fewer nodes in the region than processes.
+        All before any step.
 
     Notes
     -----
@@ -141,9 +145,10 @@ def gradient(
     >>> found["speed"].shape, found["source"].shape
     ((25, 25), (60,))
     """
+    team, topology = (setup.team, setup.topology) if isinstance(setup, Simulation) else (ALONE, None)
     given = setup.setup if isinstance(setup, Simulation) else kinds.instance(setup, "setup", Setup, "a Setup")
     misfits = misfits_of(misfit)
-    return _Gradient(given, misfits, wrt, until, region, memory, precision).found(
+    return _Gradient(given, misfits, wrt, until, region, memory, precision, team, topology).found(
         kinds.flag(illumination, "illumination")
     )
 
@@ -190,34 +195,67 @@ class _Gradient:
         region: Any,
         memory: float | None,
         precision: str,
+        team: ProcessGroup = ALONE,
+        topology: Sequence[int] | None = None,
     ) -> None:
+        self.team, self.topology = team, topology
         self.misfits, self.asked = misfits, asked_for(setup, wrt)
         kinds.one_of(precision, "precision", ("float64", "float32"), "unknown number type")
         budget = available_memory() / 2 if memory is None else kinds.number(memory, "memory", above=0)
         check_linear(setup, self.asked)
-        sim = Simulation.of(setup, observe=receivers_of(misfits))
-        self.inside = inside = check_region(region, sim, self.asked)
+        sim = Simulation.of(setup, receivers_of(misfits), team, topology)
+        whole = self._whole(sim, setup)
+        inside = check_region(region, whole, self.asked)
         end = checked_end(until, sim.dt)
         check_misfits(misfits, last_step(end, sim.dt), sim.stencil.components)
-        self.slopes = {name: source_slopes(sim, name) for name in self.asked.parameters}
+        self.slopes = {name: source_slopes(whole, name) for name in self.asked.parameters}
         self.steps = sim.prepare(end)  # chooses layers, by trials
-        self.setup = sim.settled
-        reach = sim.stencil.reach
-        periodic = frozenset(axis for (axis, _), side in sim.sides.items() if side.periodic)
-        self.patch = Patch.around(inside, sim.lattice, reach, periodic)
+        self.whole = whole = self._whole(sim, setup) if team else sim
+        self.setup = whole.settled
+        reach = whole.stencil.reach
+        periodic = frozenset(axis for (axis, _), side in whole.sides.items() if side.periodic)
+        self.of_all = np.unique(Patch.around(inside, whole.lattice, reach, periodic).nodes) if team else None
+        self.inside = inside = self._part_of(inside) if team and self.asked.constants else inside
+        self.patch = Patch.around(inside, whole.lattice, reach, periodic)
         self.medium = (
-            Medium(self.setup, sim.parts, self.patch, inside, self.asked.constants) if self.asked.constants else None
+            Medium(self.setup, whole.parts, self.patch, inside, self.asked.constants) if self.asked.constants else None
         )
-        walls = self.patch.held(sim.sides, sim.background)
-        self.rows = Rows(self.patch, walls, precision)
-        self.sim, self.history = self._with_history(sim, budget)
+        walls = self.patch.held(whole.sides, whole.background)
+        self.rows = Rows(self.patch, walls, precision, self.of_all)
+        self.sim, self.history = self._with_history(sim, -team.largest(-budget), end)
 
-    def _with_history(self, sim: Simulation, budget: float) -> tuple[Simulation, Any]:
+    def _whole(self, sim: Simulation, setup: Setup) -> Simulation:
+        """Return the run on all nodes, which is made by no process alone if there are several."""
+        if sim.subdomain is None:
+            return sim
+        return Simulation.of(replace(setup, boundary=sim.subdomain.boundary, dt=sim.dt))
+
+    def _part_of(self, inside: np.ndarray) -> np.ndarray:
+        """Return the nodes of a region whose derivatives this process sums: as many as each other one, side by side."""
+        nodes = np.flatnonzero(inside)
+        if nodes.size < self.team.size:
+            raise InputError(
+                "each process sums the derivatives at some nodes of the region",
+                value=f"{nodes.size} nodes",
+                limit=f">= {self.team.size} processes",
+                key="region",
+                remedy="fewer processes",
+            )
+        found = np.zeros_like(inside)
+        found.flat[np.array_split(nodes, self.team.size)[self.team.number]] = True
+        return found
+
+    def _with_history(self, sim: Simulation, budget: float, end: float) -> tuple[Simulation, Any]:
         """Return the run, at its start, and what keeps its history."""
         if self.medium is None:
             return sim, None
         row = sim.stencil.components * self.patch.places * np.dtype(self.rows.real).itemsize
+        row = int(self.team.largest(row))
         if (self.steps + 2) * row <= budget:
+            if self.team:
+                sim = Simulation.of(self.setup, [*receivers_of(self.misfits), self.rows], self.team, self.topology)
+                sim.prepare(end)
+                return sim, WholeHistory(sim, self.rows, self.steps)
             sim.recorders.append(self.rows)  # in place of a simulation that differs by this recorder alone
             sim._recording = Recording(sim.setup, sim.parts, sim.recorders)
             return sim, WholeHistory(sim, self.rows, self.steps)
@@ -233,7 +271,7 @@ class _Gradient:
         records = [dict(one.receivers.data) for one in self.misfits]
         value, residuals = self._residuals(records)
         seen = _Correlation(self, shift)
-        back = adjoint_run(self.setup, residuals, shift, [seen])
+        back = adjoint_run(self.setup, residuals, shift, [seen], self.team, self.topology)
         seen_by_nodes = np.zeros(self.patch.places)
         for piece in [Piece(0, self.steps, self.rows)] if self.history is None else self.history.backward():
             seen.piece = piece
@@ -241,9 +279,11 @@ class _Gradient:
                 seen_by_nodes += piece.energy()
             advance(back, seen.patch, shift - piece.first - back.step_count)
         derivatives: dict[str, np.ndarray] = {}
-        light = np.where(self.inside, self.patch.onto(seen_by_nodes * self.patch.own), 0.0) if illumination else None
+        light = None
+        if illumination:
+            light = self.team.summed(np.where(self.inside, self.patch.onto(seen_by_nodes * self.patch.own), 0.0))
         if self.medium is not None:
-            derivatives |= self.medium.derivatives()
+            derivatives |= {name: self.team.summed(one) for name, one in self.medium.derivatives().items()}
         derivatives |= seen.by_source | {
             name: one.reshape(seen.shapes[name]) for name, one in seen.by_parameter.items()
         }
@@ -257,14 +297,14 @@ class _Gradient:
         The first record of a velocity lies half a step before the start, ``(1 + d dt) v[0] - dt a[0] / 2``: its
         derivative, `first_rate`, acts by the multiplier of step 0 and by the initial data.
         """
-        self.first_rate = np.zeros((self.sim.stencil.components, int(np.prod(self.sim.lattice.shape))))
-        total, residuals = 0.0, Residuals(self.steps, self.sim.field_shape)
+        self.first_rate = np.zeros((self.sim.stencil.components, int(np.prod(self.whole.lattice.shape))))
+        total, residuals = 0.0, Residuals(self.steps, self.whole.field_shape)
         for misfit, found in zip(self.misfits, records, strict=True):
             receivers = misfit.receivers
             value, slopes = misfit.of(found, receivers.times)
             total += value
             nodes, weights = interpolation_blocks(
-                self.sim.lattice, receivers.points, receivers.interpolation, key="receivers.points"
+                self.whole.lattice, receivers.points, receivers.interpolation, key="receivers.points"
             ).entries()
             rates = np.zeros((self.steps + 1, len(receivers.points), self.sim.stencil.components))
             for name, slope in slopes.items():
@@ -288,7 +328,8 @@ class _Gradient:
         if near.model.order == 1:
             back.step(1)
             return {"u": self._free(back, density / dt * back.fields["u"])}
-        rate = self.first_rate.reshape(first.shape)
+        here: tuple[Any, ...] = (slice(None), *back.lattice.within)
+        rate = self.first_rate.reshape(-1, *back.lattice.whole.shape)[here].reshape(first.shape)
         found = {"v": self._free(back, (1 + damping) * (density / dt * (1 - damping) * first + rate))}
         if "u" in self.asked.initial:
             back.step(1)
@@ -299,16 +340,16 @@ class _Gradient:
         return {name: found[name] for name in self.asked.initial}
 
     def _free(self, back: Simulation, values: np.ndarray) -> np.ndarray:
-        """Return values, zero on nodes that are not free to begin as they are told."""
+        """Return values of this part on all nodes, zero on those that are not free to begin as they are told."""
         found = np.where(np.isfinite(values), values, 0.0)
         for held in back.prescribed._held:
             found.flat[held.places] = 0
-        return found
+        return on_all_nodes(back, found)
 
 
 def _first_acceleration(setup: Setup, back: Simulation, u: np.ndarray) -> np.ndarray:
     """Return the acceleration of the medium at the start of a run from rest with the values u, sources left out."""
-    still = adjoint_run(setup, Residuals(0, back.field_shape), 0, [])
+    still = adjoint_run(setup, Residuals(0, back.field_shape), 0, [], back.team, back.topology)
     level, grid = still.engine.current, still.parts.grid
     grid.view(level)[...] = np.nan_to_num(u).reshape(grid.view(level).shape)
     still.engine.begin(level)
@@ -322,15 +363,15 @@ class _Correlation(PatchRecorder, offered=False):
     def __init__(self, of: _Gradient, shift: int) -> None:
         self._sources = {
             key: [np.reshape(space, (of.sim.stencil.components, -1)) for space in spaces]
-            for key, spaces in of.asked.spaces(of.sim).items()
+            for key, spaces in of.asked.spaces(of.whole).items()
         }
         slopes, components = of.slopes, of.sim.stencil.components
         fields = {name: np.reshape(one.fields, (len(one.fields), components, -1)) for name, one in slopes.items()}
-        busy = np.zeros(int(np.prod(of.sim.lattice.shape)), bool)
+        busy = np.zeros(int(np.prod(of.whole.lattice.shape)), bool)
         for space in itertools.chain(*self._sources.values(), *fields.values()):
             busy |= (space != 0).any(0)
-        patch = of.patch if of.medium is not None else replace(of.patch, shape=(0,) * of.sim.lattice.dim)
-        super().__init__(patch, np.flatnonzero(busy))
+        patch = of.patch if of.medium is not None else replace(of.patch, shape=(0,) * of.whole.lattice.dim)
+        super().__init__(patch, np.flatnonzero(busy), None if of.medium is None else of.of_all)
         self._spaces = {key: sum(space[:, self.nodes] for space in spaces) for key, spaces in self._sources.items()}
         self.by_source = {key: np.zeros(of.steps) for key in self._spaces}
         self._fields = {name: field[:, :, self.nodes] for name, field in fields.items()}
@@ -339,7 +380,7 @@ class _Correlation(PatchRecorder, offered=False):
         self.by_parameter = {name: np.zeros(len(field)) for name, field in fields.items()}
         self.shapes = {name: one.shape for name, one in slopes.items()}
         self._of, self._shift = of, shift
-        near, dt = of.sim.parts.near, of.sim.dt
+        near, dt = of.whole.parts.near, of.sim.dt
         self._start_weight = (1 + near.model.damping * dt) / 2 if near.model.order == 2 else 1.0
         density = (1.0 if near.density is None else near.density.ravel()) / near.model.source_factor
         first = -dt / 2 * of.first_rate / density

@@ -25,25 +25,34 @@ class PatchRecorder(Recorder, offered=False):
     patch : Patch
     nodes : ndarray of int, optional
         Flat indices of further nodes of the lattice.
+    of_all : ndarray of int, optional
+        Sorted flat indices of the nodes that the patches of all processes have; of this one unless given.
     """
 
     name = "patch"
+    shared = unlike = True
 
-    def __init__(self, patch: Patch, nodes: np.ndarray | None = None) -> None:
+    def __init__(self, patch: Patch, nodes: np.ndarray | None = None, of_all: np.ndarray | None = None) -> None:
         self.notes = []
         self.patch = patch
         self.nodes = np.zeros(0, np.int64) if nodes is None else nodes
+        # all processes request and receive the same, of which each takes its columns
+        self._requested, self._columns = np.concatenate([patch.nodes, self.nodes]), None
+        if of_all is not None:
+            columns = np.searchsorted(of_all, patch.nodes), of_all.size + np.arange(self.nodes.size)
+            self._requested, self._columns = np.concatenate([of_all, self.nodes]), np.concatenate(columns)
 
     def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         self._background = parts.near.background
-        return RecordRequest(np.concatenate([self.patch.nodes, self.nodes]), ())
+        return RecordRequest(self._requested, ())
 
     def start(self, step: int, heard: StepValues) -> None:
         pass
 
     def rows(self, heard: StepValues) -> np.ndarray:
         """Return what was recorded, shape (steps, components, places and nodes)."""
-        return heard.nodes.swapaxes(1, 2)
+        nodes = heard.nodes.swapaxes(1, 2)
+        return nodes if self._columns is None else nodes[:, :, self._columns]
 
     @property
     def recorded(self) -> Recorded:
@@ -69,6 +78,8 @@ class Rows(PatchRecorder, offered=False):
     walls : list of (ndarray of bool, float)
         Places beyond walls, and the value there; see `Patch.held`.
     real : {"float64", "float32"}
+    of_all : ndarray of int, optional
+        As in `PatchRecorder`.
 
     Attributes
     ----------
@@ -77,8 +88,14 @@ class Rows(PatchRecorder, offered=False):
     values : ndarray, shape (rows, components, places)
     """
 
-    def __init__(self, patch: Patch, walls: list[tuple[np.ndarray, float]], real: str = "float64") -> None:
-        super().__init__(patch)
+    def __init__(
+        self,
+        patch: Patch,
+        walls: list[tuple[np.ndarray, float]],
+        real: str = "float64",
+        of_all: np.ndarray | None = None,
+    ) -> None:
+        super().__init__(patch, of_all=of_all)
         self.walls, self.real = walls, real
         self.first, self.values = 0, np.zeros((0, 1, patch.places), real)
 
@@ -91,8 +108,9 @@ class Rows(PatchRecorder, offered=False):
             self.values = np.zeros(shape, self.real)
         self.first = sim.step_count + 1 - len(levels)
         for row, level in enumerate(levels):
-            near = sim.parts.grid.view(level).reshape(components, -1)
-            self.values[row] = near[:, self.patch.nodes]
+            self.values[row] = on_all_nodes(sim, sim.parts.grid.view(level)).reshape(components, -1)[
+                :, self.patch.nodes
+            ]
         self._lay_walls(0, len(levels))
 
     def add(self, step: int, heard: StepValues) -> None:
@@ -105,6 +123,17 @@ class Rows(PatchRecorder, offered=False):
             self.values[low:high, :, beyond] = value
 
 
+def on_all_nodes(sim: Simulation, field: np.ndarray) -> np.ndarray:
+    """Return a field, whose last axes are those of the lattice, on all nodes, if this process has a part of them."""
+    whole = sim.lattice.whole
+    if not sim.team:
+        return field
+    lead, count = field.shape[: field.ndim - whole.dim], int(np.prod(whole.shape))
+    here = np.arange(count).reshape(whole.shape)[sim.lattice.within].ravel()
+    flat = np.ascontiguousarray(field, float).reshape(-1, here.size)
+    return sim.team.completed(flat, here, count, 1).reshape(*lead, *whole.shape)
+
+
 _AT_ONCE = (
     1 << 21
 )  # numbers that a patch keeps before they are used: blocks of this size are used again, not mapped anew
@@ -112,7 +141,8 @@ _AT_ONCE = (
 
 def advance(sim: Simulation, patch: Patch, steps: int) -> None:
     """Advance a run that records a patch, few steps at a time."""
-    most = max(1, _AT_ONCE // (sim.stencil.components * max(1, patch.places)))
+    places = max(1, int(sim.team.largest(patch.places)))  # all processes make the same steps at once
+    most = max(1, _AT_ONCE // (sim.stencil.components * places))
     end = sim.step_count + steps
     while sim.step_count < end:
         sim.step(min(most, end - sim.step_count))
@@ -236,7 +266,7 @@ class Remade:
         InputError
             Not even a few states fit; exact ends, which keep their own past.
         """
-        key, size = "memory", sum(one.nbytes for one in _parts_of(sim))
+        key, size = "memory", int(sim.team.largest(sum(one.nbytes for one in _parts_of(sim))))
         if sim.exact_ends is not None:
             raise InputError(
                 "exact ends keep their whole past, and the history must fit, too",
@@ -268,8 +298,9 @@ class Remade:
 
     def backward(self) -> Iterator[Piece]:
         """Yield the pieces, the last one first."""
-        self.sim = sim = Simulation.of(self._setup)  # whose receivers do not record anything twice
-        again = Simulation.of(self._setup, observe=[self.rows])
+        processes = self.sim.team, self.sim.topology
+        self.sim = sim = Simulation.of(self._setup, [], *processes)  # whose receivers do not record anything twice
+        again = Simulation.of(self._setup, [self.rows], *processes)
         for piece, start, keep in pieces_backward(self.count, self.room):
             for number in [number for number in self._states if number > piece]:
                 del self._states[number]

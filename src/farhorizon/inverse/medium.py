@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -153,7 +153,8 @@ class States:
         offsets = np.zeros((len(states.offsets), 3), np.int64)
         offsets[:, 3 - dim :] = states.offsets
         alive = _alive(patch, setup, states.offsets, exists)
-        shapes = np.tensordot(alive, states.shapes, ((0,), (0,))).round(14)
+        uncut = _alive(patch, replace(setup, cracks=()), states.offsets, exists) if states.kept else alive
+        shapes = np.tensordot(uncut, states.shapes, ((0,), (0,))).round(14)
         odd = ~alive.all(0)
         kinds, numbers = np.unique(shapes[odd].reshape(-1, dim * dim), axis=0, return_inverse=True)
         every = np.concatenate([np.eye(dim)[None], kinds.reshape(-1, dim, dim)])

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -158,4 +158,21 @@ def dilatation_states(
         lambda shapes, moduli: moduli[:, :1, None],
         (lame, 0.0, 0.0),
         ((0,) * dim,),
+    )
+
+
+def corrected_dilatation_states(
+    offsets: np.ndarray, bonds: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True
+) -> ForceStates:
+    """Force states of `dilatation_states`, but with a dilatation that is also that of the solid for uniform strains
+    where bonds are absent from the start.
+
+    The state is the displacement gradient before its multiplication by the inverse shape tensor, and the law maps it to
+    the pressure times that inverse. Bonds that break leave the shape tensors as they are.
+    """
+    states = correspondence_states(offsets, weights, lame, 0.0)
+    moment = (weights * offsets[:, 0] ** 2).sum()
+    factor = 1.0 if calibrate else moment / 2
+    return replace(
+        states, bonds=bonds, gradient=factor * states.gradient, divergence=factor * states.divergence, kept=True
     )

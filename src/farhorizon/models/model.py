@@ -17,6 +17,7 @@ from farhorizon import kinds
 from farhorizon.arguments import ANY, Function, OfRegions, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
+from farhorizon.medium import bond_laws
 from farhorizon.medium.attenuation import Attenuation
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, ModifiedEquation, RungeKutta4, RungeKuttaChebyshev, Verlet
@@ -45,8 +46,11 @@ class BondLaw(Protocol):
     warm: bool
     density: float
     softening: str | None
+    law: bond_laws.BondLaw | None  # that is a function
     fracture_energy: Any
     energy_factor: float | None
+    calibrate: str
+    spent_by_running: float | None
 
     @property
     def p_modulus(self) -> float:
@@ -365,6 +369,11 @@ class LatticeModel:
     def soft_at_surfaces(self) -> Any:
         """The model itself where it is softer beside free surfaces, beyond which bonds are absent, else None."""
         return None
+
+    @property
+    def stiffens_surfaces(self) -> bool:
+        """Whether bonds of nodes that lack some are stiffer than others."""
+        return False
 
     @property
     def cuttable(self) -> bool:

@@ -34,6 +34,7 @@ from farhorizon.simulation.setup.near_field import NearField, extremes_of, near_
 from farhorizon.simulation.setup.reference_medium import node_factor, reference_and_variation, varied
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.setup.stiffening import least_stiffening, stiffening
+from farhorizon.simulation.setup.surface_springs import stiffen_surfaces
 from farhorizon.simulation.sides.extension import Emitters, extend
 from farhorizon.simulation.sides.exterior import Exterior, changes
 from farhorizon.simulation.sides.held_and_damped import check_conditions, hold_and_damp
@@ -178,6 +179,9 @@ def survey(
 
 def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> RunParts:
     """Return the parts of a run on one process; see `assembled`."""
+    if setup.model.bonds and setup.model.stiffens_surfaces:  # how fast linear bonds oscillate limits the step
+        linear = assembled(replace(setup, model=setup.model.linearised, dt=None), margins_given=margins_given)
+        return assembled(setup, stiffening(linear.near, linear.grid, ALONE), margins_given=margins_given)
     return _stiffened(
         setup, ALONE, lambda stiffer: assembled(setup, stiffer, margins_given=margins_given), lambda parts: parts
     )
@@ -263,6 +267,8 @@ def assembled(
     closure = outline_condition(near, sides, grid, start.solid) if closing else None
     free_rim = setup.lattice.body is not None and setup.rim == "free"
     cuts = CutBonds(near, layered, grid, closure, free_rim, exterior.notes)
+    if setup.model.stiffens_surfaces:
+        stiffen_surfaces(cuts)
     law = setup.model.bond_law
     incident = [incidence(wave, near, sides, exterior.notes) for wave in surveyed.waves]
     if incident or (near.varies and signals(setup)):
@@ -281,7 +287,7 @@ def assembled(
     if team or setup.cracks or layered.layers or closing or ends_somewhere or law is not None:
         _cut(setup, cuts, breaking, exterior.notes)
     held, fixed_rim = np.zeros(0, np.int64), setup.rim == "fixed"
-    damped = conditioned or any(side.damped for side in sides.values())
+    damped = conditioned or near.supports is not None or any(side.damped for side in sides.values())
     if damped or fixed_rim or grid.walled or grid.engine.absent.outside.size:
         held = hold_and_damp(near, layered, cuts, fixed_rim)
     ends = exact_ends_of(near, sides, grid) if any(side.exact for side in sides.values()) else None

@@ -9,6 +9,7 @@ from farhorizon.errors import InputError
 from farhorizon.medium.fracture import stretch_that_spends
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
+from farhorizon.models.elastic import CALIBRATIONS
 from farhorizon.simulation.recorders.running_cracks import SPEED, RunningCrack, crack_after_forces, energy_factor
 from farhorizon.simulation.recorders.running_cracks import rayleigh_speed as rayleigh_speed
 from farhorizon.simulation.simulation import Simulation
@@ -29,7 +30,9 @@ def running_crack(
     return crack_after_forces(Simulation.of, model, spacing, energy, speed, turn, push, dim)
 
 
-def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, dim: int = 2) -> float:
+def calibrated_stretch(
+    model: Elastic, spacing: float, fracture_energy: float, dim: int = 2, calibrate: str = "running"
+) -> float:
     r"""The critical stretch for which a running crack dissipates a given fracture energy.
 
     In a state-based or correspondence material, the energy that is lost with a bond depends on all bonds of its two
@@ -54,6 +57,9 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
         Energy per area of new crack.
     dim : {2, 3}
         Number of dimensions.
+    calibrate : {"running", "static"}
+        "static": the stretch for which a crack at rest, along an axis of the lattice through a slowly pulled strip,
+        begins to grow at the fracture energy.
 
     Returns
     -------
@@ -84,6 +90,7 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
             key="model",
             remedy="numbers; once for each material",
         )
-    factor = energy_factor(Simulation.of, model, spacing, dim)
+    kinds.one_of(calibrate, "calibrate", CALIBRATIONS, "unknown calibration")
+    factor = energy_factor(Simulation.of, model, spacing, dim, calibrate)
     assert isinstance(model.kernel, Kernel)
     return float(stretch_that_spends(energy, factor, model.young, model.kernel.horizon))

@@ -120,6 +120,19 @@ def check_refused(lines):
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
+@pytest.mark.parametrize(
+    ("processes", "size"), [(2, "few"), *(pytest.param(n, "all", marks=pytest.mark.slow) for n in (2, 4))]
+)
+def test_gradients_are_those_of_one_process(tmp_path, processes, size):
+    """To rounding, and the same to the last bit on all processes."""
+    *lines, refused = told(tmp_path, processes, size, "gradients")
+    assert len(lines) == {"few": 4, "all": 12}[size]
+    for line in lines:
+        assert line["same"], line
+        assert max(line["off"].values()) < 1e-12, line
+    assert len(set(refused["tiny"])) == 1 and "1 nodes" in refused["tiny"][0], refused
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), (4, "slow")])
 def test_files_are_those_of_one_process(tmp_path, processes, size):

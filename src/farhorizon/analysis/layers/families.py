@@ -18,8 +18,8 @@ rises outwards, and differ in their effect on waves that hardly move towards the
   by their frequency, which a layer does not change. Weak backward waves, such as those of scalars in space, lie in a
   narrow band just below the largest frequency. There, light dampers of that band have the effect of the short filter
   (`lightly_tuned`), node by node, without a box of all nodes.
-- *short*: for the same stencils in space, where they cannot be tuned. sigma and damping rise together, and the filter of
-  the damping reads few neighbours.
+- *short*: for the same stencils in space, where they cannot be tuned. sigma and damping rise together, and the filter
+  of the damping reads few neighbours.
 - *steep*: little alpha. Travelling waves are reflected least: on a line, and where others would grow or reflect
   backward waves.
 - *diffusive*: for diffusion, stretches kappa at the points of Zolotarev's problem between the slowest and the steepest

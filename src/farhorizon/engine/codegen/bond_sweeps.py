@@ -54,10 +54,14 @@ class TileAddresses(NamedTuple):
     thermal_strain: int
     residual_stiffness: int  # fractions of their stiffness that bonds keep
     final: int  # stretches at which none is left
+    history: int  # what bonds remember whose law is a function, number by number
+    parameters: int  # of such a law, float64: 1 while histories rest, the time step, then its own
     broken: int  # energy, in units of c, and number of broken bonds, float64; bonds that soften add to them
     table: int  # bond by bond xi, 1 / |xi|^2 and c, without coefficients
     places: int  # bond by bond `PLACES` integers
     zone: int  # first node, then extent along each axis, int64
+    excess: int  # numbers of each node near surfaces, one after the other as components of a level
+    cosines: int  # bond by bond their weights in the factor of a spring
 
 
 class TileShape(NamedTuple):
@@ -91,13 +95,14 @@ class BondLaw(NamedTuple):
     contact: bool = False  # whether absent bonds carry compression
     thermal: bool = False  # whether heat strains the nodes
     softening: str | None = None  # one of `SOFTENINGS`; None where bonds break at once
+    surface: int = 0  # how many numbers of nodes near surfaces determine the factors of bonds in damaged tiles
 
 
 #: Addresses, places, and the reals a, b and limit, as values in the emitted code.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
 
-class _Tile:
+class Tile:
     """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds, and the update in time. Rows that do not
     exist repeat the last one.
 
@@ -125,6 +130,12 @@ class _Tile:
         self.thermal_strain = vectors.shifted(at.thermal_strain, (1, first))
         self.thermal_strains = self.of_rows(self.thermal_strain, law.thermal)
         self.final = vectors.shifted(at.final, (1, first))
+
+    def parameter(self, number: int) -> Any:
+        """One parameter of a law that is a function."""
+        return self.builder.load(
+            self.vectors.pointer(self.builder.add(self.at.parameters, I64(8 * number)), ir.DoubleType())
+        )
 
     def of_rows(self, start: Any, used: bool) -> list[Any]:
         """Values of each row in an array of nodes that begins at `start`, if they are used."""
@@ -271,6 +282,18 @@ class _Tile:
         )
         return builder.fmul(uniform, mean)
 
+    def stiffened(self, stiffness: Any, bond: Any, row: int) -> Any:
+        """c of one bond near a surface, see `engine.bonds.stiffening`."""
+        if not self.law.surface:
+            return stiffness
+        builder, vectors, factor = self.builder, self.vectors, self.constant(1.0)
+        weights = vectors.splat_all(vectors.shifted(self.at.cosines, (self.law.surface, bond)), self.law.surface)
+        for number, weight in enumerate(weights):
+            near = self.place(self.at.excess, self.rows[row], number)
+            far = vectors.shifted(near, (1, self.offset(bond, 0)))
+            factor = self.call("fma", weight, builder.fadd(vectors.load(near), vectors.load(far)), factor)
+        return builder.fmul(stiffness, factor)
+
     def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
         """Factor of the direction in the force."""
         builder, half = self.builder, self.constant(0.5)
@@ -332,7 +355,7 @@ def _intact(builder: ir.IRBuilder, args: TileArguments, law: BondLaw) -> Any:
         first = builder.mul(loop.index, I64(LANES))
         left = builder.sub(n, first)
         breaks = _sweep_intact(
-            _Tile(builder, args, law, first),
+            Tile(builder, args, law, first),
             builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)),
         )
         with builder.if_then(breaks):
@@ -341,7 +364,7 @@ def _intact(builder: ir.IRBuilder, args: TileArguments, law: BondLaw) -> Any:
     return builder.load(swept)
 
 
-def _sweep_intact(tile: _Tile, n: Any) -> Any:
+def _sweep_intact(tile: Tile, n: Any) -> Any:
     """Sweep one of them; nothing is written if a bond is about to break."""
     builder = tile.builder
 
@@ -363,7 +386,7 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 
 
 def _soften(
-    tile: _Tile, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
+    tile: Tile, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
 ) -> tuple[Any, Any]:
     """Residual stiffness of bonds some of which are `over` their limits, and mask of those that end.
 
@@ -403,9 +426,15 @@ def _soften(
     return results[0], results[1]
 
 
-def _damaged(builder: ir.IRBuilder, args: TileArguments, law: BondLaw) -> Any:
-    """Sweep a tile that lacks bonds, or with bonds that leave the zone; return 1 if some have broken now."""
-    tile = _Tile(builder, args, law, I64(0))
+def damaged_tile(
+    builder: ir.IRBuilder, args: TileArguments, law: BondLaw, response: Callable[[Tile], Any] | None = None
+) -> Any:
+    """Sweep a tile that lacks bonds, or with bonds that leave the zone; return 1 if some have broken now.
+
+    The `response` of bonds whose law is a function is made for the tile, see `bond_functions.Response`.
+    """
+    tile = Tile(builder, args, law, I64(0))
+    respond = None if response is None else response(tile)
     vectors = tile.vectors
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     i0, i1, i2 = tile.shape.i0, tile.shape.i1, tile.shape.i2
@@ -434,11 +463,13 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: BondLaw) -> Any:
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
             builder.and_(alive, tile.exists),
         )
-        stiffness = tile.stiffness(stiffness, bond, row)
+        stiffness = tile.stiffened(tile.stiffness(stiffness, bond, row), bond, row)
         full = pull = tile.pull(e, stiffness, curved)
         if law.softening:
             left, over = _soften(tile, bond, row, (xi, inverse, stiffness), e, curved, over)
             pull = builder.fmul(pull, left)
+        if respond is not None:
+            pull, over = respond(bond, row, (xi, inverse, stiffness), e, pull, curved, alive)
         factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         if law.contact:
             closes = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.at.closing, bond, row)[1], bit), unset)
@@ -466,9 +497,7 @@ def bond_sweep(law: BondLaw, damaged: bool) -> Any:
     @intrinsic
     def sweep(typingctx, at, shape, a, b, limit):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            at, shape, *reals = args
-            given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
-            return (_damaged if damaged else _intact)(builder, given, law)
+            return (damaged_tile if damaged else _intact)(builder, unpacked(builder, args), law)
 
         return bond_signature(law.real), codegen
 
@@ -537,9 +566,11 @@ def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apar
     return types.float64(*[types.int64] * 8), codegen
 
 
-def _unpacked(builder: ir.IRBuilder, value: Any) -> list[Any]:
-    """The values of a tuple."""
-    return list(cgutils.unpack_tuple(builder, value))
+def unpacked(builder: ir.IRBuilder, args: tuple[Any, ...]) -> TileArguments:
+    """The arguments of a sweep as values in the emitted code."""
+    at, shape, *reals = args
+    tuples = (list(cgutils.unpack_tuple(builder, value)) for value in (at, shape))
+    return TileAddresses(*next(tuples)), TileShape(*next(tuples)), *reals
 
 
 def bond_signature(real: str) -> Any:

@@ -37,7 +37,7 @@ class _Notice(event.Listener):
     def on_start(self, event: Any) -> None:
         """Take note that a function, or a pass of one, begins."""
         if event.kind == "numba:compile":
-            self.enter(event.data["dispatcher"].py_func.__module__)
+            self.enter(event.data["dispatcher"].py_func.__module__ or "")  # what is typed at a prompt may have none
         if event.kind == "numba:run_pass" and getattr(self._thread, "names", None):
             self._thread.busy = True
             if not self._begun and _purpose(self._thread.names[0]):

@@ -52,7 +52,9 @@ def costs_of(setup: Setup, model: LatticeModel) -> Costs:
     law, lattice = model.bond_law, setup.lattice
     if model.force_states(lattice.spacing, lattice.dim) is not None:
         return Costs(1.0, _STATES, _RIM)
-    if law is not None and (varies(setup) or law.nonlinear or law.softening is not None or law.warm):
+    if law is not None and (
+        varies(setup) or law.nonlinear or law.softening is not None or law.law is not None or law.warm
+    ):
         return Costs(_ONE_BY_ONE, 0.0, 0.0)
     if law is not None:
         return Costs(_WATCHED, _ONE_BY_ONE, _ONE_BY_ONE)

@@ -257,7 +257,8 @@ class ProcessGroup:
     def total(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the sums over all processes, added in their order."""
         parts = self.gather(dict(values))
-        return {name: sum(part[name] for part in parts) for name in values}
+        names = dict.fromkeys(name for part in parts for name in part)  # a support may end at one process
+        return {name: sum(part.get(name, 0.0) for part in parts) for name in names}
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """Return, on all processes, the sum of arrays of equal shape."""

@@ -190,6 +190,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
         ),
         ("impactors, whose forces come from nodes of all processes,", "load", bool(setup.impactors)),
         ("sponges beside media that vary", "boundary", varies(setup) and damped),
+        ("surfaces that are corrected", "model.surface", setup.model.stiffens_surfaces),
     ]
     for what, key, given in refused:
         if given:
@@ -199,7 +200,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
             raise InputError(
                 f"sides of the kind {side.label} are not computed on several processes yet: {why}",
                 key=f"boundary.{side_name(*at)}",
-                limit="LatticePML, Sponge, Fixed, Free, Periodic",
+                limit="LatticePML, Sponge, Fixed, Free, Impedance, Periodic",
                 remedy="LatticePML, or one process",
             )
 

@@ -197,7 +197,8 @@ def bonds_left(engine: Engine, nodes: np.ndarray, neighbours: np.ndarray, weight
         largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
         taken = cuts.weights.reshape(-1, *weight.shape)[(slice(None), *largest)] / weight[largest]
         lost[cut] = taken[at[cut]]
-    factor_left = (
-        factors_of(engine.tables.material, nodes, neighbours) * (1 - lost) * (exists[nodes] & exists[neighbours])
-    )
+    factors = factors_of(engine.tables.material, nodes, neighbours)
+    at_surfaces = engine.absent.factors_at_surfaces(nodes, neighbours)
+    factors = factors * np.where(cut & (not of_states), 1.0, at_surfaces)  # those of springs are among what is cut
+    factor_left = factors * (1 - lost) * (exists[nodes] & exists[neighbours])
     return np.where(factor_left > _FAINT, factor_left, 0.0)

@@ -60,6 +60,7 @@ class Recorder(Registered, ABC):
     # it can record runs on several processes: all that it requests and receives then refers to the whole lattice and is
     # the same on all of them
     shared = False
+    unlike = False  # each process may give it other arguments, as long as it requests the same
     run = 0  # number of the run that it serves, among the runs of this process
 
     @property
@@ -300,8 +301,9 @@ Observer = Callable[[Any], None] | Recorder
 
 
 def recorders_given(observe: Any) -> tuple[Any, ...]:
-    """Return the class of each recorder among some observers, with the arguments that it was given."""
-    recorders = [given for given in observe if isinstance(given, Recorder)] if isinstance(observe, Iterable) else []
+    """Return the class of each recorder among some observers, with arguments that must be alike on all processes."""
+    given = observe if isinstance(observe, Iterable) else ()
+    recorders = [recorder for recorder in given if isinstance(recorder, Recorder) and not recorder.unlike]
     return tuple(
         (type(recorder), {name: getattr(recorder, name, None) for name in inspect.signature(type(recorder)).parameters})
         for recorder in recorders

@@ -41,7 +41,9 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Elastic
 from farhorizon.simulation.processes.process_group import ProcessGroup
+from farhorizon.simulation.recorders import resting_cracks
 from farhorizon.simulation.recorders.crack_tips import CrackTips
+from farhorizon.simulation.recorders.resting_cracks import energies_at_rest
 from farhorizon.simulation.setup.reference_medium import reference_and_variation
 from farhorizon.simulation.setup.setup import Setup
 
@@ -218,10 +220,11 @@ def crack_after_forces(
     return crack
 
 
-def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float:
+def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int, calibrate: str = "running") -> float:
     """Return the energy that cracks spend per new area at 0.3 of the speed of Rayleigh waves, divided by Young's
     modulus, the horizon and the square of the critical stretch; in 2D the mean of cracks along an axis of the lattice
-    and at an angle to it. It is taken from the cache of the program if it is there.
+    and at an angle to it. With `calibrate` "static" it is the energy at which a crack at rest along an axis begins to
+    grow. It is taken from the cache of the program if it is there.
 
     The constants of the model are numbers; its own strength does not matter. Raises InputError if there is no kernel,
     the lattice is too coarse or too fine, or no crack runs or spends energy in the material, as in a correspondence
@@ -242,11 +245,12 @@ def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float
             remedy="critical_stretch",
         )
     tried = _in_units_of_the_lattice(model, model.kernel, spacing)
-    path = _cache_file(tried, dim)
+    path = _cache_file(tried, dim, calibrate)
     if (stored := kept(path)) is None:
         with awaited(path.with_suffix(".lock")):  # several processes may want the same one
             if (stored := kept(path)) is None:
-                stored = {"factor": np.array(_energy_factor(runs, tried, dim))}
+                found = _energy_factor if calibrate == "running" else _static_factor
+                stored = {"factor": np.array(found(runs, tried, dim))}
                 keep(path, **stored)
     return float(stored["factor"])
 
@@ -263,7 +267,7 @@ def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> 
     tried = tried.with_constants({"density": 1.0})
     tried.kernel = replace(kernel, horizon=round(kernel.horizon / spacing, _DIGITS), width=width)
     tried.damping, tried.drag = round(model.damping * unit, _DIGITS), round(model.drag * unit, _DIGITS)
-    tried.critical_stretch = _STRETCH
+    tried.critical_stretch, tried.surface, tried.calibrate = _STRETCH, None, "running"
     return tried
 
 
@@ -275,12 +279,30 @@ def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
         file=sys.stderr,
         flush=True,
     )
-    unit, energies = model.young * model.kernel.horizon * _STRETCH**2, []
-    expected = unit * (12 / (5 * np.pi) if dim == 2 else 6 / 5)  # of single bonds, see `farhorizon.medium.fracture`
+    unit, energies, expected = model.young * model.kernel.horizon * _STRETCH**2, [], _of_bonds(model, dim)
     for turn in TURNS[dim]:
         expected = _spent(runs, model, dim, turn, expected)
         energies.append(expected)
     return float(np.mean(energies)) / unit
+
+
+def _of_bonds(model: Elastic, dim: int) -> float:
+    """Return the energy per area of single bonds, see `farhorizon.medium.fracture`."""
+    assert isinstance(model.kernel, Kernel)
+    return model.young * model.kernel.horizon * _STRETCH**2 * (12 / (5 * np.pi) if dim == 2 else 6 / 5)
+
+
+def _static_factor(runs: Runs, model: Elastic, dim: int) -> float:
+    """The same as `energy_factor` for a crack at rest, for a material in units of its lattice, computed from a run."""
+    assert isinstance(model.kernel, Kernel)
+    print(
+        "farhorizon: pulling a strip with a crack to find the energy at which it grows in this material, once: later "
+        "runs find it on disk",
+        file=sys.stderr,
+        flush=True,
+    )
+    grown = energies_at_rest(runs, model, dim, _of_bonds(model, dim))[1]
+    return grown / (model.young * model.kernel.horizon * _STRETCH**2)
 
 
 def _spent(runs: Runs, model: Elastic, dim: int, turn: float, expected: float) -> float:
@@ -309,7 +331,7 @@ _FILES = __file__, damage.__file__, release.__file__, force_states.__file__
 _PROGRAM = b"".join(Path(str(file)).read_bytes() for file in _FILES)
 
 
-def _cache_file(model: Elastic, dim: int) -> Path:
+def _cache_file(model: Elastic, dim: int, calibrate: str) -> Path:
     """Return the file that caches the number for this lattice and this version of the program."""
     assert isinstance(model.kernel, Kernel)
     mark = hashlib.sha256(_PROGRAM)
@@ -318,6 +340,8 @@ def _cache_file(model: Elastic, dim: int) -> Path:
     names = ("material", "plane", "stabilisation", "damping", "drag", "shape_tensor")
     constants = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
     mark.update(repr((dim, model.kernel.calibrate, *constants)).encode())
+    if calibrate == "static":
+        mark.update(Path(resting_cracks.__file__).read_bytes())
     return cache_folder() / f"toughness_{mark.hexdigest()[:24]}.npz"
 
 
@@ -326,7 +350,9 @@ def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
     several processes determines the number. Raises InputError as `energy_factor`, and if Poisson's ratio varies.
     """
     law = setup.model.bond_law
-    if law is None or law.fracture_energy is None or law.energy_factor is not None or setup.model.bonds:
+    if law is None or law.fracture_energy is None or law.energy_factor is not None:
+        return setup
+    if setup.model.bonds and law.calibrate == "running":  # the energy of the bonds across a plane
         return setup
     medium, variation = reference_and_variation(setup, team)
     ratio = np.ones(1) if variation.lame is None else variation.lame[0] / variation.lame[1]
@@ -338,6 +364,9 @@ def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
             remedy="critical_stretch, by region that of fh.calibrated_stretch",
         )
     lattice, reference, model = setup.lattice, cast(Elastic, medium.model), cast(Elastic, copy.copy(setup.model))
-    factor = team.by_first(lambda: energy_factor(runs, reference, lattice.spacing, lattice.dim))
-    model.energy_factor = team.first(factor)
+    given = reference, lattice.spacing, lattice.dim
+    model.energy_factor = team.first(team.by_first(lambda: energy_factor(runs, *given, law.calibrate)))
+    if law.calibrate == "static":
+        running = team.first(team.by_first(lambda: energy_factor(runs, *given)))
+        model.spent_by_running = running / model.energy_factor
     return replace(setup, model=model)

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from farhorizon.boundaries import names
+from farhorizon.boundaries import Side, names
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.cracks import cut_bonds
@@ -64,6 +64,8 @@ def check_model(setup: Setup, sides: Sides) -> None:
         )
     if model.bond_law is not None:
         _check_bonds(setup)
+    if model.stiffens_surfaces:
+        _check_surface(setup, sides)
     if isinstance(model.integrator, ModifiedEquation):
         _check_modified_equation(setup, sides)
     if model.attenuation is not None:
@@ -75,7 +77,7 @@ def _check_attenuation(setup: Setup, sides: Sides) -> None:
     energies, and single precision, in which forces are differences of values that have lost their digits.
     """
     sources = zip(keys("source", setup.sources), setup.sources, strict=True)
-    law = "bonds that neither break nor have a law of their own, and no thermal load"
+    law = "bonds that neither break nor have a law of their own, without corrected surfaces and thermal loads"
     refused: list[tuple[bool, str, object, str]] = [
         (setup.model.bond_law is not None, "model", setup.model.title, law),
         (setup.balance, "balance", True, "leave it out"),
@@ -116,7 +118,8 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
         (setup.balance, "balance", True, 'leave it out, or integrator = "verlet"'),
     ]
     for place, side in sides.items():
-        one_stage = side.exact or side.closing or side.damped or side.derivatives
+        supports = type(side).node_rule is not Side.node_rule
+        one_stage = side.exact or side.closing or side.damped or side.derivatives or supports
         name = type(side).__name__
         instead = "LatticePML, Extended, Free, Fixed, Periodic"
         refused.append((one_stage, f"boundary.{side_name(*place)}", name, instead))
@@ -125,6 +128,29 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
             raise InputError(
                 "the modified equation serves linear waves without damping, between sides that take part in each stage",
                 value=value,
+                key=key,
+                remedy=remedy,
+            )
+
+
+def _check_surface(setup: Setup, sides: Sides) -> None:
+    """Refuse what surfaces whose bonds are stiffer do not support: weak bonds, waves that come in with what a plain
+    surface reflects, and conditions that follow from the bonds of a plain one.
+    """
+    free = [key for key, side in sides.items() if not side.bonded]
+    closing = [f"boundary.{side_name(*key)}" for key, side in sides.items() if side.closing or side.exact]
+    incident = bool(free) and any(isinstance(source, Incident) for source in setup.sources)
+    refused = [
+        (any(crack.factor for crack in setup.cracks), "crack.factor", "leave it out, or surface"),
+        (setup.coefficient is not None, "coefficient", "leave it out, or moduli that vary"),
+        (incident, "incident", "fh.surface_factor on young, or a source"),
+        (bool(closing), next(iter(closing), ""), "LatticePML"),
+    ]
+    for given, key, remedy in refused:
+        if given:
+            raise InputError(
+                "corrected surfaces have no such bonds, waves or sides beside them",
+                value='surface = "energy"',
                 key=key,
                 remedy=remedy,
             )
@@ -229,7 +255,7 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         _check_faces(setup, sides, stencil.accuracy)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
-        if n < 2 * m + 1 and not sides[axis, -1].periodic:
+        if n < 2 * m + 1 and not sides[axis, -1].periodic and not all(sides[axis, side].image for side in (-1, 1)):
             free = not (sides[axis, -1].bonded or sides[axis, 1].bonded)
             raise InputError(
                 "the near field is thinner than the stencil",

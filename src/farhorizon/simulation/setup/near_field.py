@@ -28,6 +28,7 @@ from farhorizon.simulation.setup.compatibility import closed_window
 from farhorizon.simulation.setup.laws import source_slope
 from farhorizon.simulation.setup.reference_medium import Contrast, ReferenceMedium, contrast_in, node_factor, varied
 from farhorizon.simulation.setup.setup import Setup, Sides, wrapping
+from farhorizon.simulation.setup.supports import Supports, supports_of
 
 _ALIKE = 1e-12  # relative difference up to which constants are those of the same medium, and a step that at the limit
 _TINY = 1e-300  # in place of zero, where nothing moves
@@ -59,6 +60,7 @@ class NearField:
     prescribed: PrescribedNodes  # nodes that follow a prescribed value, permanently or for a limited time
     contrast: Contrast  # that of the whole near field, also on a part of it
     coupling: Coupling | None = None  # with a temperature that the deformation changes
+    supports: Supports | None = None  # springs and dashpots at sides
 
     @cached_property
     def continued(self) -> Stencil:
@@ -262,9 +264,10 @@ def near_field(
     """
     lattice, model = setup.lattice, setup.model
     conditions = _resolve(setup, stencil, variation.stiffness, team) if setup.constraints else Conditions()
+    supports = supports_of(sides, lattice, model, stencil.components, variation.density)
     if extremes is None:
         contrast = _contrast(setup, sides, stencil, variation)
-        leak = 0.0
+        leak = supports.rate if supports is not None else 0.0
         if conditions.leaks:
             leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
         extremes = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
@@ -293,6 +296,7 @@ def near_field(
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
         extremes.contrast,
         coupling,
+        supports,
     )
 
 
@@ -330,7 +334,8 @@ def extremes_of(
     conductivity = _conductivity(reference_medium.model, variation.stiffness)
     lost = losses(setup.constraints, part.lattice, team.gather, stencil, conductivity)
     leak = _leak(reference_medium.model, lost, variation.density)
-    most = team.largest(float(leak.max(initial=0)))
+    supports = supports_of(part.sides, part.lattice, reference_medium.model, stencil.components, variation.density)
+    most = team.largest(float(leak.max(initial=0)) + (0.0 if supports is None else supports.rate))
     return Extremes(_rate_limit(part, stencil, contrast, most, stiffer, team), contrast)
 
 

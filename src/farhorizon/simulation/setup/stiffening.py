@@ -25,11 +25,11 @@ _MORE, _MOST = 0.5, 0.02
 
 
 def stiffening(near: NearField, grid: Grid, team: ProcessGroup, counted: float = 1.0) -> float:
-    """Return the largest squared frequency over that of the medium with all its bonds, above 1 where states lack bonds
-    or moduli vary; the near field's rate already includes a factor `counted`.
+    """Return the largest squared frequency over that of the medium with all its bonds, above 1 where states lack bonds,
+    moduli vary or bonds near surfaces are stiffer; the near field's rate already includes a factor `counted`.
     """
     unlike = team.any(bool(grid.engine.absent.count) or near.variation.moduli is not None)
-    if not unlike or not grid.engine.passes:
+    if not unlike or not (grid.engine.passes or near.model.stiffens_surfaces):
         return 1.0
     intact = near.rate_limit - near.closing_rate - (counted - 1) * near.medium_rate
     return _with_margin(largest_rate(grid, team, intact) / intact - 1)
@@ -47,10 +47,12 @@ def _with_margin(excess: float) -> float:
 
 
 def _may_stiffen(setup: Setup) -> bool:
-    """Whether nodes have states that may lack bonds or have other moduli than the medium."""
+    """Whether nodes have states that may lack bonds or have other moduli than the medium, or stiffer bonds."""
+    if setup.model.bonds and not setup.model.stiffens_surfaces:
+        return False
     cut = bool(setup.cracks) or not all(side.bonded and not side.closing for side in setup.sides.values())
     cut |= setup.lattice.body is not None and setup.rim == "free"
-    return not setup.model.bonds and (cut or bool(setup.model.varying) or setup.coefficient is not None)
+    return cut or bool(setup.model.varying) or setup.coefficient is not None
 
 
 def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
@@ -117,12 +119,15 @@ def _noise(grid: Grid, team: ProcessGroup, places: np.ndarray) -> tuple[np.ndarr
 
 
 def _unlike(grid: Grid, team: ProcessGroup, places: np.ndarray) -> np.ndarray:
-    """Return which nodes have states that lack bonds, or a neighbour along some axis with other moduli."""
+    """Return which nodes have states that lack bonds, a neighbour along some axis with other moduli, or a bond that is
+    stiffer.
+    """
     engine, passes = grid.engine, grid.engine.passes
+    unlike = np.isin(places, engine.absent.stiffened[0])
     if passes is None:  # without states no absent bond makes another one stiffer
-        return np.zeros(len(places), bool)
+        return unlike
     law = engine.tables.gradient_pass.sweep.law
-    unlike = np.isin(places, law.nodes)
+    unlike |= np.isin(places, law.nodes)
     if team.any(bool(law.local.size)):
         near = engine.layout.near.node_indices()
         for modulus in passes.moduli_at(near.ravel()).T:

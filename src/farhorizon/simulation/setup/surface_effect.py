@@ -132,7 +132,7 @@ def thin_note(setup: Setup, sides: Sides) -> list[str]:
     return [
         f"the body is {thick} thick: near its free surfaces bonds are absent, so that in tension it is about "
         f"{100 * abs(1 - left):.0f} % too {word} (apparent over given Young's modulus {left:.3f}); "
-        'material = "correspondence" is exact; surface_factor overshoots in tension by about as much'
+        'surface = "energy" corrects it, material = "correspondence" is exact; surface_factor overshoots in tension'
     ]
 
 
@@ -145,6 +145,8 @@ def surface_factor(lattice: Lattice, model: Elastic, boundary: Side | Mapping[st
 
     This is the volume method: since the moduli of a bond's ends are combined by their harmonic mean, a bond becomes
     stiffer by ``2 V0 / (V + V')``. Along a flat face the factor does not change, so that the face may run into layers.
+    It makes up for what is lacking in all directions alike, so that it overshoots in tension along the face: a strip of
+    5 to 8 nodes with a horizon of two is 6 to 11 % too stiff. ``Elastic(surface="energy")`` is not.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Sides, side_name
+from farhorizon.simulation.setup.supports import Supports
 from farhorizon.simulation.sides.layered_sides import LayeredSides
 
 
@@ -97,7 +98,7 @@ def hold_and_damp(near: NearField, layered: LayeredSides, cuts: CutBonds, fixed_
     held = np.concatenate([held, grid.walls])
     places: np.ndarray = np.union1d(engine.all_components(held), steady)
     tables = [(places, *np.zeros((3, len(places))))]
-    if any(side.damped for side in layered.sides.values()):
+    if near.supports is not None or any(side.damped for side in layered.sides.values()):
         tables.append(_damped(near, layered, grid, held))
     tables.append((leaking, *np.ones((2, leaking.size)), leak))
     nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
@@ -142,6 +143,8 @@ def _damped(
             line = np.zeros(layout.box.nodes[lead + axis])
             line[: len(values)] = values[::-1]
             rate = rate + line[::-side].reshape([-1 if a == lead + axis else 1 for a in range(3)])
+    if near.supports is not None:
+        return _supported(near, near.supports, grid, rate, held)
     rate[np.isin(layout.box.node_indices(), held)] = 0
     where = np.nonzero(rate)
     index = grid.engine.all_components(layout.box.node_indices()[where])
@@ -150,3 +153,27 @@ def _damped(
         return index, np.ones_like(rate), np.ones_like(rate), rate
     drag, total = model.damping * near.dt, (model.damping + rate) * near.dt  # the model's damping, and all of it
     return index, (1 - total) / (1 - drag), (1 + drag) / (1 + total), np.zeros_like(rate)
+
+
+def _supported(
+    near: NearField, supports: Supports, grid: Grid, sponges: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the same with the nodes at springs and dashpots, which continue beside absorbing sides; `sponges` is the
+    damping of the box.
+    """
+    engine, dt, damping = grid.engine, near.dt, near.model.damping
+    nodes = engine.layout.box.node_indices()
+    free = nodes[~np.isin(nodes, held)]
+    in_sponges = np.zeros(engine.layout.size)
+    in_sponges[nodes] = sponges
+    columns = []
+    for number, (stiffness, rate) in enumerate(zip(*supports, strict=True)):
+        springs, dashpots = (engine.spread(grid.grown(values))[free] for values in (stiffness, rate))
+        dashpots = dashpots + in_sponges[free]
+        at = (springs > 0) | (dashpots > 0)
+        drag, total = damping * dt, (damping + dashpots[at]) * dt
+        after = (1 + drag) / (1 + total)
+        # the spring is part of what the damping acts on, which the leak is not
+        columns.append((free[at] + number * engine.layout.size, (1 - total) / (1 - drag), after, after * springs[at]))
+    places, before, after, leak = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+    return places, before, after, leak

@@ -38,7 +38,8 @@ _SHATTERS = 10.0  # a load whose first strain is this many times the critical st
 #: Note on the energy that a crack at rest takes (`benchmarks/at_rest.py`, and a double cantilever beam).
 AT_REST = (
     "a crack at rest begins to grow at 1.05 to 1.37 times the fracture energy, depending on material and load, because "
-    "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice"
+    "its tip waits at each row of nodes: check the load at which yours starts by a finer lattice, or set calibrate = "
+    '"static"'
 )
 
 
@@ -101,15 +102,30 @@ class BreakableBonds:
         self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
         self.regions = regions
         self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))  # of the weakest bonds of all
+        if law.law is not None:
+            lengths = near.lattice.spacing * np.linalg.norm(near.stencil.offsets, axis=1)
+            for length in (lengths.min(), lengths.max()):
+                law.law.check(near.dt, float(length))
         self.begin()
         self.families = self.left()  # number of bonds of each node, uncut; of the lattice's shape
-        if law.fracture_energy is not None and law.energy_factor is not None:
-            cuts.notes.append(
-                f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
-                "fracture energy: found from cracks that ran through this lattice at 0.3 of the speed of Rayleigh waves"
-            )
         if law.fracture_energy is not None:
-            cuts.notes.append(AT_REST)
+            cuts.notes.extend(self._calibration())
+
+    def _calibration(self) -> list[str]:
+        """Return notes on which cracks take the fracture energy, and on what others take."""
+        law, found = self.law, f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack "
+        if law.energy_factor is None:
+            return [AT_REST]
+        if law.spent_by_running is None:
+            return [
+                found + "dissipates the fracture energy: found from cracks that ran through this lattice at 0.3 of the "
+                "speed of Rayleigh waves",
+                AT_REST,
+            ]
+        return [
+            found + "at rest in a slowly pulled strip begins to grow at the fracture energy; one that runs at 0.3 of "
+            f"the speed of Rayleigh waves dissipates {law.spent_by_running:.3g} of it"
+        ]
 
     @cached_property
     def zone(self) -> Zone:
@@ -139,7 +155,7 @@ class BreakableBonds:
     @property
     def may_break(self) -> bool:
         """Whether bonds can break at all."""
-        return bool(np.isfinite(self.critical_stretch))
+        return bool(np.isfinite(self.critical_stretch)) if self.law.law is None else self.law.law.breaks
 
     @property
     def extent(self) -> np.ndarray:
@@ -182,7 +198,8 @@ class BreakableBonds:
         equal.
         """
         stretches = self.critical_stretches
-        limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
+        curved = self.law.nonlinear and np.isfinite(self.critical_stretch)
+        limits = stretches * (2 + stretches) if curved else 2 * stretches
         limits_of_all = self.team.gather((float(limits.min()), float(limits.max())))
         least, most = min(low for low, _ in limits_of_all), max(high for _, high in limits_of_all)
         return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
@@ -202,7 +219,9 @@ class BreakableBonds:
         if engine.passes is not None and self.near.factor is not None:
             hard = self.grid.grown(self.near.factor)
         ends = None if law.softening is None else self.grid.grown(self._everywhere(self.final_stretches))
-        options = law.contact, law.warm, law.softening, ends, hard
+        options: list[Any] = [law.contact, law.warm, law.softening, ends, hard]
+        if law.law is not None:
+            options += [law.law.functions, law.law.numbers(self.near.dt)]
         engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *options)
         if law.warm:
             set_thermal_strain(engine, spacing)
@@ -322,7 +341,7 @@ class BreakableBonds:
         strain would shatter whatever it meets; note one whose first strain would break bonds.
         """
         limit, near = self.critical_stretch, self.near
-        if not np.isfinite(limit):
+        if not np.isfinite(limit) or self.law.law is not None:
             return
         if self.law.caution is not None:
             self.cuts.notes.append(self.law.caution)

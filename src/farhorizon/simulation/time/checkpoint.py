@@ -65,6 +65,8 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
         facts["contact"] = True
     if law is not None and law.softening is not None:
         facts["softening"] = [law.softening, law.fracture_energy]
+    if law is not None and law.law is not None:
+        facts["law"] = [type(law.law).__name__, law.law.arguments]
     if near.variation.toughness is not None:
         facts["toughness"] = float(near.variation.toughness.sum())
     if near.variation.strength is not None:

@@ -28,7 +28,7 @@ def _kinetic(near: NearField, rate: np.ndarray) -> float:
 
 def present(by_name: Mapping[str, float]) -> float:
     """Return the sum of the energies, given by name, that are present now: kinetic and stored ones."""
-    return sum(by_name.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
+    return sum(by_name.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "support", "stored", "thermal"))
 
 
 def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = False) -> dict[str, float]:
@@ -47,6 +47,11 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
     if np.any(engine.reaction):
         now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
         further["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
+    if near.supports is not None:
+        now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
+        stiffness = near.supports.stiffness * (1.0 if near.density is None else near.density)
+        springs = _there(near, stiffness.reshape(near.field_shape))
+        further["support"] = float(mass * 0.5 * (springs * now * ago).sum())
     if breaking is not None and engine.bonds.forces:
         return further | {
             "kinetic": kinetic_energy(near, grid),

@@ -161,6 +161,9 @@ def likely_cause(run: Examined) -> str:
             f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check "
             "--tune`, or LatticePML"
         )
+    of_bonds = run.model.bond_law
+    if of_bonds is not None and of_bonds.law is not None:
+        return f"{of_bonds.law} at the stretches there; otherwise check dt, sources and coefficient"
     backward = run.stencil.backward_waves()
     if backward and run.engine.layers:
         return (
