@@ -52,7 +52,7 @@ class Interpreter:
             op.SEND: lambda number: None,  # `receive` reads the values where they are
             op.RECEIVE: self.receive,
             op.AHEAD: lambda: None,  # `_sweep` sweeps all rows
-            op.MELT: self._melt,
+            op.DISSOLVE_HALO: self._dissolve_halo,
             op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
             op.SWEEP: self._sweep,
@@ -564,7 +564,7 @@ class Interpreter:
         phases.total[0] += len(gone)
         _copy(material.coefficient, self.tables.copies)
 
-    def _melt(self) -> None:
+    def _dissolve_halo(self) -> None:
         halo, coefficient = self.tables.phases.halo[:, 0], self.tables.material.coefficient
         coefficient[halo[self.stage.src[halo] < self.tables.phases.saturation]] = 1
 

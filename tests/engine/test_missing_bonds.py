@@ -149,7 +149,7 @@ def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     single, double = (fh.Simulation(lattice, model, boundary, start, threads=n, **rest) for n in (1, 2))
     monkeypatch.setattr(AbsentBonds, "set", listed(AbsentBonds.set))
     bonds = [fh.Simulation(lattice, model, boundary, start, threads=n, **rest) for n in (1, 2)]
-    assert not bonds[0].engine.tables.surface.stretches.size and single.engine.tables.surface.stretches.size
+    assert not bonds[0].engine.tables.surface.segments.size and single.engine.tables.surface.segments.size
     assert bonds[0].engine.absent.count == single.engine.absent.count
     for sim in (single, double, *bonds):
         sim.step(30)
@@ -296,7 +296,7 @@ def test_rows_hold_the_matrix_of_each_node(shape):
     rows = law_rows(box, places[odd], numbers[odd], matrices)
     got = np.full((*places.shape, 16), np.nan)
     for row, (first, end) in enumerate(rows.ranges):
-        for place, stop, function, weight, step, number in rows.stretches[first:end]:
+        for place, stop, function, weight, step, number in rows.segments[first:end]:
             for i in range(stop - place):
                 start = weight + i * (function == EACH)
                 at = row // places.shape[1], row % places.shape[1], place + i

@@ -5,6 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.engine.engine import available_threads
 from farhorizon.engine.relaxations import relaxation_factors
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
@@ -113,6 +114,18 @@ def test_layers_keep_their_target(dim, target):
         sim.step(10)
         endless.step(10)
         assert np.abs(sim.fields["u"] - endless.fields["u"][inside]).max() < target
+
+
+@pytest.mark.skipif(available_threads() < 2, reason="one thread")
+def test_two_threads_compute_what_one_does():
+    """In a box that is large enough for two, to the last bit."""
+    plane, bell = fh.Lattice(1.0, (0.0, 0.0), (220.0, 219.0)), {"u": "exp(-((x-100)**2+(y-90)**2)/20)"}
+    model = fh.Wave(fh.Kernel(2.0), attenuation=fh.Attenuation(20.0, (0.01, 0.1)))
+    sims = [fh.Simulation(plane, model, fh.Periodic(), bell, threads=threads) for threads in (1, 2)]
+    for sim in sims:
+        sim.step(20)
+    assert sims[1].engine.threads == 2
+    np.testing.assert_array_equal(sims[1].fields["u"], sims[0].fields["u"])
 
 
 def test_a_run_resumes_bit_for_bit(tmp_path):

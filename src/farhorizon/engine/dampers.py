@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
-from farhorizon.engine.codegen.vector_operations import fetch, move_masses
+from farhorizon.engine.codegen.vector_operations import advance_masses, fetch
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.threads import barrier, chunk_of
 
@@ -155,7 +155,7 @@ def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: in
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def move_dampers(thread, stage, dampers):
+def advance_dampers(thread, stage, dampers):
     """Move the hanging masses and let them pull their nodes; one thread's chunk."""
     runs, springs, size = dampers.runs, dampers.springs, stage.out.itemsize
     apart, each = stage.src.size // stage.components, dampers.apart
@@ -173,7 +173,7 @@ def move_dampers(thread, stage, dampers):
         for c in range(stage.components):
             level, last = (c * apart + node) * size, states + (c * each + state) * cell
             before = base if stage.increments else out
-            move_masses(
+            advance_masses(
                 (last, last + later, last + 2 * later),
                 (before + level, src + level, base + level if stage.increments else 0, out + level),
                 strengths + strength * size,

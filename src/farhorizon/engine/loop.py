@@ -232,7 +232,7 @@ def _on_parts(tables: Tables, inputs: Inputs, which: int, split: bool) -> tuple[
         whole, ahead, rest = program.stencil_part, program.stencil_ahead, program.stencil_rest
     nodes, blocks = _records(tables, inputs)
     after = [
-        (program.release_part, operands.surface.stretches.size),
+        (program.release_part, operands.surface.segments.size),
         (program.record_nodes_part, which == BOND_STENCIL and nodes),
         (program.record_blocks_part, which == BOND_STENCIL and blocks),
         (program.law_part, operands.sweep.law.values.size),

@@ -270,11 +270,11 @@ def _reached(block: Block, marked: np.ndarray) -> np.ndarray:
 def shared_rows(
     starts: np.ndarray, places: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arrange weights, shape (N, n), on nodes of rows in stretches of neighbours; equal rows share theirs, so that
+    """Arrange weights, shape (N, n), on nodes of rows in segments of neighbours; equal rows share theirs, so that
     these stay in the cache. `starts` are the first entries of the R rows and the end, `places` positions along them.
 
-    Return for each row its first stretch and last + 1; for each stretch its first node, last + 1, and the index of its
-    first entry of the weights; and these: for each stretch the first number of all its nodes, then the second, and so
+    Return for each row its first segment and last + 1; for each segment its first node, last + 1, and the index of its
+    first entry of the weights; and these: for each segment the first number of all its nodes, then the second, and so
     on, padded by as many entries as a vector may read beyond the last.
     """
     known: dict[bytes, int] = {}
@@ -290,23 +290,23 @@ def shared_rows(
     places, end = places[entries], len(entries)
     begins = np.flatnonzero((np.diff(places, prepend=-1) != 1) | (np.diff(owner, prepend=-1) != 0))
     lengths, numbers = np.diff(begins, append=end), weights.shape[1]
-    stretches = np.stack([places[begins], places[begins] + lengths, numbers * begins], axis=1)
+    segments = np.stack([places[begins], places[begins] + lengths, numbers * begins], axis=1)
     ranges = np.searchsorted(owner[begins], np.stack([rows, rows + 1], axis=1))
-    # positions of the numbers of each entry: after those of earlier stretches, one number of a stretch after another
-    stretch_of = np.repeat(np.arange(len(begins)), lengths)
-    at = (numbers - 1) * begins[stretch_of] + np.arange(end)
+    # positions of the numbers of each entry: after those of earlier segments, one number of a segment after another
+    segment_of = np.repeat(np.arange(len(begins)), lengths)
+    at = (numbers - 1) * begins[segment_of] + np.arange(end)
     arranged = np.zeros(numbers * end + SLACK, weights.dtype)
     for number in range(numbers):
-        arranged[at + number * lengths[stretch_of]] = weights[entries, number]
-    return ranges, stretches, arranged
+        arranged[at + number * lengths[segment_of]] = weights[entries, number]
+    return ranges, segments, arranged
 
 
 def law_rows(block: Block, nodes: np.ndarray, numbers: np.ndarray, matrices: np.ndarray) -> LawRows:
     """Return the law's tables for places of a block that lack bonds, given the indices of their matrices."""
-    ranges, stretches, kinds = in_rows(block, nodes, numbers)
+    ranges, segments, kinds = in_rows(block, nodes, numbers)
     used, weights = matrices.size, [matrices.ravel()]
     parts, firsts = [], [0]
-    for place, stop, start in stretches.tolist():
+    for place, stop, start in segments.tolist():
         for first, end in _runs(kinds[start : start + stop - place]):
             entry, count = start + first, end - first
             of_part = kinds[entry : entry + count]

@@ -71,7 +71,7 @@ STRETCH_FORCES = 24  # and those of the results of the law
 DRAG = 25  # velocities move towards the mean of their neighbours
 THERMAL_FORCES = 26  # thermal strains are subtracted from those of the springs of state-based media
 ADVANCE_STRAINS = 27  # thermal strains advance to the next step
-MELT = 28  # nodes of the halo become liquid as in the processes that own them
+DISSOLVE_HALO = 28  # nodes of the halo become liquid as in the processes that own them
 AHEAD = 29  # SWEEP of rows that need no halo, while messages are under way: the number is twice that of a part of
 # these rows, plus the number of other parts
 RECEIVE = 30  # messages that fill the halo are completed; numbered as SEND
@@ -181,7 +181,7 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     last = stage == len(tables.numbers) - 1  # after which there are increments of the whole step
     return (
         _present((DAMP_OLD, damped))
-        + operator_operations(tables, melting=stage == 0)
+        + operator_operations(tables, dissolving=stage == 0)
         + _present((RELAX, tables.relaxations.keep.size))
         + _present((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
         + _present((PUSH, asked.pushed))
@@ -201,13 +201,13 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     )
 
 
-def operator_operations(tables: Tables, melting: bool = False, breaking: bool = True) -> list[Operation]:
-    """Operations of the operator, including its halo and layers; if `melting`, the phases of the halo are updated for
-    this step; if `breaking`, bonds of state-based media may break.
+def operator_operations(tables: Tables, dissolving: bool = False, breaking: bool = True) -> list[Operation]:
+    """Operations of the operator, including its halo and layers; if `dissolving`, the phases of the halo are updated
+    for this step; if `breaking`, bonds of state-based media may break.
     """
     breaks, by_energy = not tables.bonds.forces, len(tables.bonds.released) > 0
     may_break = breaking and breaks and np.isfinite(tables.bonds.limit[0])
-    before = _present((MELT, melting and len(tables.phases.halo)))
+    before = _present((DISSOLVE_HALO, dissolving and len(tables.phases.halo)))
     before += _present((BREAK, may_break and not by_energy), number=GRADIENT)
     # In all stages or in none: the sweep reads the phases of the halo, and may overwrite one of the two levels by which
     # bonds break.

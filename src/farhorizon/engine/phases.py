@@ -166,7 +166,7 @@ def dissolve(thread, u, coefficient, sweep, phases, step):
 
 
 @njit(error_model="numpy", cache=True, entry=False)
-def melt(u, coefficient, sweep, phases):
+def dissolve_copies(u, coefficient, sweep, phases):
     """Solid nodes of the halo whose value is below the saturation become liquid, as in the process that owns them."""
     block, halo, limit = sweep.block, phases.halo, u.dtype.type(phases.saturation)
     for i in range(halo.shape[0]):

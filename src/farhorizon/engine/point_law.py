@@ -20,13 +20,13 @@ WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with on
 class LawRows(NamedTuple):
     """Nodes of each row that do not have all their bonds."""
 
-    #: (R, 2): first stretch of neighbours of each row, and last + 1; equal rows share theirs
+    #: (R, 2): first segment of neighbours of each row, and last + 1; equal rows share theirs
     ranges: np.ndarray = ints(0, 2)
     #: (T, 6): first node along the row, and last + 1; `ALIKE` or `EACH`; index in `weights` of the first of their
     #: matrices, and distance between entries of a matrix; index in `kinds` of the first node
-    stretches: np.ndarray = ints(0, 6)
-    kinds: np.ndarray = ints(0)  # indices of the matrices of the nodes of all stretches
-    weights: np.ndarray = reals(0)  # the matrices themselves, then those of stretches `EACH`, entry by entry
+    segments: np.ndarray = ints(0, 6)
+    kinds: np.ndarray = ints(0)  # indices of the matrices of the nodes of all segments
+    weights: np.ndarray = reals(0)  # the matrices themselves, then those of segments `EACH`, entry by entry
 
 
 class PointLaw(NamedTuple):
@@ -128,8 +128,8 @@ def apply_law(thread, law, row, origin, first, last):
     """
     values, rows, size = law.values, law.rows, law.values.itemsize
     apart, start = values.size // law.intact.shape[0] * size, first
-    for stretch in range(rows.ranges[row, 0], rows.ranges[row, 1]):
-        place, stop, function, weight, step, kind = rows.stretches[stretch]
+    for segment in range(rows.ranges[row, 0], rows.ranges[row, 1]):
+        place, stop, function, weight, step, kind = rows.segments[segment]
         begin, end = max(place, first), min(stop, last)
         if begin < end:
             apply_whole(thread, law, origin + start, origin + begin)

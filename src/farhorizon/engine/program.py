@@ -23,7 +23,7 @@ from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.codegen.exchanges import RECEIVES, SENDS, TABLE, call_exchange
 from farhorizon.engine.codegen.vector_operations import copy_run
 from farhorizon.engine.damage import break_bonds, redo_damaged
-from farhorizon.engine.dampers import move_dampers
+from farhorizon.engine.dampers import advance_dampers
 from farhorizon.engine.derivative_pml import stretch_forces, stretch_states
 from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
@@ -42,6 +42,7 @@ from farhorizon.engine.operations import (
     DAMPERS,
     DEPEND,
     DISSOLVE,
+    DISSOLVE_HALO,
     DRAG,
     ENDS,
     FILTER,
@@ -49,7 +50,6 @@ from farhorizon.engine.operations import (
     HOLD,
     INERTIA,
     KEEP_INCREMENTS,
-    MELT,
     OUTLINE,
     PUSH,
     RECEIVE,
@@ -64,7 +64,7 @@ from farhorizon.engine.operations import (
     WORK_OF_PUSHES,
 )
 from farhorizon.engine.outline_stencil import fill_outline
-from farhorizon.engine.phases import dissolve, find_runs, melt
+from farhorizon.engine.phases import dissolve, dissolve_copies, find_runs
 from farhorizon.engine.relaxations import relax_forces
 from farhorizon.engine.release import break_by_energy
 from farhorizon.engine.thermal_strain import (
@@ -353,7 +353,7 @@ def filter_layers(thread, stage, sums, tables, inputs, step, number):
 @operation(DAMPERS)
 def advance_hanging_masses(thread, stage, sums, tables, inputs, step, number):
     """Move the masses of the tuned dampers, which hang on nodes of the layers."""
-    move_dampers(thread, stage, tables.dampers)
+    advance_dampers(thread, stage, tables.dampers)
 
 
 @operation(KEEP_INCREMENTS)
@@ -407,12 +407,12 @@ def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
         barrier(thread)
 
 
-@operation(MELT)
-def melt_halo(thread, stage, sums, tables, inputs, step, number):
+@operation(DISSOLVE_HALO)
+def dissolve_halo(thread, stage, sums, tables, inputs, step, number):
     """Do the same in the halo, as other processes have just filled it."""
     phases = tables.phases
     if thread.number == 0:
-        melt(stage.src, sums.material.coefficient, sums.sweep, phases)
+        dissolve_copies(stage.src, sums.material.coefficient, sums.sweep, phases)
     barrier(thread)
     if phases.total[0] != phases.total[1]:
         find_runs(thread, phases)

@@ -360,7 +360,7 @@ def release_part(thread, stage, sums, tables, inputs, step, number):
     """
     sweep, material, surface, scale = sums.sweep, sums.material, sums.surface, stage.scale
     src, base, out, block = stage.src, stage.base, stage.out, sweep.block
-    ranges, stretches, weights, coefficient = surface.ranges, surface.stretches, surface.weights, material.coefficient
+    ranges, segments, weights, coefficient = surface.ranges, surface.segments, surface.weights, material.coefficient
     rule, components, function = material.rule, stage.components, surface.function
     size = src.itemsize
     apart, away = src.nbytes // components, out.nbytes // stage.rows
@@ -368,8 +368,8 @@ def release_part(thread, stage, sums, tables, inputs, step, number):
     for i1 in range(first, last):
         start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
         row = i0 * block[2] + i1
-        for stretch in range(ranges[row, 0], ranges[row, 1]):
-            place, stop, entry = stretches[stretch]
+        for segment in range(ranges[row, 0], ranges[row, 1]):
+            place, stop, entry = segments[segment]
             if rule == PHASES:
                 for i in range(stop - place):
                     node = start + place + i

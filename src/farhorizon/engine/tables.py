@@ -79,7 +79,7 @@ class Surface(NamedTuple):
     """Weights that nodes at the surface of a body lack, in the form of `surface.shared_rows`."""
 
     ranges: np.ndarray = ints(0, 2)
-    stretches: np.ndarray = ints(0, 3)
+    segments: np.ndarray = ints(0, 3)
     weights: np.ndarray = reals(0)
     function: int = 0  # address of the `rows.matrices.linear_map` that adds them; 0 if there are none
 

@@ -280,7 +280,7 @@ def weigh_change(typingctx, to, level, before, fraction, strengths, count):
 
 
 @intrinsic
-def move_masses(typingctx, states, levels, strengths, keep, pull, fraction, count, kept):
+def advance_masses(typingctx, states, levels, strengths, keep, pull, fraction, count, kept):
     """Move the masses that hang on `count` neighbouring nodes, and let them pull these; see `engine.dampers`.
 
     Takes byte addresses: `states`, of the nodes' last increments, of p and of q; `levels`, of the level that the
