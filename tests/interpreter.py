@@ -60,6 +60,7 @@ class Interpreter:
             op.STRETCH: self._stretch,
             op.ENDS: self._exact_ends,
             op.ADD_SOURCES: self._add_sources,
+            op.RELAX: self._relax,
             op.INERTIA: self._weigh_down,
             op.KEEP_INCREMENTS: self._take_increments,
             op.DRAG: self._drag,
@@ -355,6 +356,16 @@ class Interpreter:
         src, mobile = stage.src[nodes], np.tile(self.tables.mobility[self.nodes], self.components)
         free = src - stage.b * (src - stage.base[nodes])
         stage.out[nodes] = free + mobile * (stage.out[nodes] - free)
+
+    def _relax(self) -> None:
+        """Filter what the forces have done, in the recursive form."""
+        stage, nodes = self.stage, self.engine.all_components(self.nodes)
+        relaxations, src = self.tables.relaxations, stage.src[nodes]
+        keep, now, later = (factors[:, None] for factors in relaxations[:3])
+        force = stage.out[nodes] - (src - stage.b * (src - stage.base[nodes]))
+        relaxed = relaxations.memory[:, nodes] + now * force
+        stage.out[nodes] -= relaxed.sum(0)
+        relaxations.memory[:, nodes] = keep * relaxed + (later - keep * now) * force
 
     def _take_increments(self) -> None:
         self.tables.drag.moved[:] = self.stage.src - self.stage.base

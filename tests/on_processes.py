@@ -336,6 +336,13 @@ SLOW = {
         plane(fh.Correspondence(KERNEL, "where(y > 1, 2, 1)", 0.3, stabilisation=0.3), **WIDE),
         ALONG_Y,
     ),
+    "attenuation": (
+        plane(
+            fh.Wave(KERNEL, "1 + (y > 1)", attenuation=fh.Attenuation(20.0, (0.05, 0.5))),
+            sides={"x": FOUR, "y-": FOUR, "y+": fh.Free()},
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "states with drag": (
         plane(fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1), **(WIDE | {"shape": (119, 81)})),
         ALONG_X + ALONG_Y,

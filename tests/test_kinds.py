@@ -75,6 +75,7 @@ SETUP = {
 }
 # Valid arguments of every public callable.
 RIGHT = {
+    "Attenuation": {"quality": 50.0, "band": (0.1, 1.0), "exponent": 0.0, "reference": None, "mechanisms": None},
     "Auto": {"target": None, "until": None},
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
@@ -125,6 +126,7 @@ RIGHT = {
         "law": None,
         "contact": None,
         "integrator": "verlet",
+        "attenuation": None,
         "surface": None,
         "calibrate": "running",
     },
@@ -284,7 +286,14 @@ RIGHT = {
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "ViscoelasticBond": {"relaxing": 0.4, "time": 1.0},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
-    "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0, "integrator": "verlet"},
+    "Wave": {
+        "operator": KERNEL,
+        "speed": 1.0,
+        "damping": 0.0,
+        "density": 1.0,
+        "integrator": "verlet",
+        "attenuation": None,
+    },
     "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "LoadSteps": {"interval": 1.0, "tolerance": 1e-6, "limit": 1000},

@@ -39,6 +39,11 @@ def drawn_back(dim):
     return fh.Wave(fh.Stencil.from_kernel(fh.Kernel(2.0), 1.0, dim).with_reaction(0.2))
 
 
+def lossy(horizon=2.0, **more):
+    """Waves with a low quality factor, so that relaxation shows."""
+    return fh.Wave(fh.Kernel(horizon), attenuation=fh.Attenuation(5.0, (0.02, 0.2)), **more)
+
+
 def half(shape):
     """A coefficient that varies in the middle."""
     values = np.ones(shape)
@@ -74,6 +79,21 @@ CASES = {
     "2D, corner, periodic": lambda: waves((15, 16), {"x": fh.Periodic(), "y": SLOW}, sources=source((15, 16))),
     "2D, free and sponge": lambda: waves((15, 16), {"x-": fh.Free(), "x+": fh.Sponge(4), "y": SLOW}),
     "2D, coefficient": lambda: waves((17, 18), coefficient=half((17, 18)), rule="harmonic"),
+    "1D, attenuation": lambda: waves((23,), model=lossy(), sources=source((23,))),
+    "2D, attenuation, coefficient, free and sponge": lambda: waves(
+        (17, 18), {"x-": fh.Free(), "x+": fh.Sponge(4), "y": SLOW}, lossy(), coefficient=half((17, 18))
+    ),
+    "2D, attenuation, damping, density": lambda: waves(
+        (17, 18), {"x": fh.Periodic(), "y": SLOW}, lossy(damping=0.1, density=1 + half((17, 18)))
+    ),
+    "3D, attenuation": lambda: waves((7, 8, 9), SLOW, lossy(1.5)),
+    "solid of states with attenuation": lambda: fh.Simulation(
+        lattice(15, 16),
+        fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based", attenuation=fh.Attenuation(5.0, (0.02, 0.2))),
+        {"x-": fh.Free(), "x+": SLOW, "y": SLOW},
+        {"u": bump((15, 16), 2)},
+        cracks=[fh.Crack([(6.1, 9.3), (9.2, 9.3)])],
+    ),
     "1D, reaction": lambda: waves((23,), model=drawn_back(1)),
     "1D, reaction, coefficient": lambda: waves((23,), model=drawn_back(1), coefficient=half((23,))),
     "2D, reaction": lambda: waves((15, 16), model=drawn_back(2)),

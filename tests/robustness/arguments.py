@@ -62,6 +62,7 @@ def good():
     record = {"points": [[0.0, 0.0], [1.0, 0.0]], "times": [0.0, 1.0], "u": [[0.0, 0.0], [0.0, 1.0]], "medium": 1.0}
     disc, square = fh.Disc(1.0), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
     return {
+        "Attenuation": {"quality": 50.0, "band": (0.01, 0.1)},
         "Auto": {},
         "Ball": {"radius": 1.0},
         "Beam": {"stiffness": 1.0},

@@ -518,6 +518,7 @@ def _proof(sim: Examined) -> str:
     if (positive or complete) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
         return (
             "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
+            + ("; relaxation only takes energy" if model.attenuation is not None else "")
         )
     return ""
 

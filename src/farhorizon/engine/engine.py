@@ -162,6 +162,8 @@ class Engine:
         through the layers.
     dragged : bool
         Whether drag towards the mean velocity of the neighbours is going to be set (`settings.set_drag`).
+    mechanisms : int
+        Number of those that are going to be set by `settings.set_relaxations`; their memory are further levels.
     """
 
     tables: Tables  # of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them
@@ -198,6 +200,7 @@ class Engine:
         sums: StateSums | None = None,
         heat: np.ndarray | None = None,
         dragged: bool = False,
+        mechanisms: int = 0,
     ) -> None:
         self.dtype = np.dtype(real)
         self.stages, self.dt, self.reaction = stages, dt, reaction
@@ -233,7 +236,7 @@ class Engine:
         self.all_layers = [tables for tables in self.layers_of_passes if tables is not None]
         self.dampers = DamperTables(self.layout, self.layers, dt)
         self.memory = self._allocate_memory()
-        self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
+        self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels + mechanisms)
         memory = self.memory.size // 4 if self.remember else 0
         numbers = self.components * int(np.prod(core)) + memory
         self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1

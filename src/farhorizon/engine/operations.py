@@ -27,6 +27,7 @@ from farhorizon.engine.layers import Layers, has_layers
 from farhorizon.engine.layout import HALOS, doubles, empty, ints, reals, with_defaults
 from farhorizon.engine.outline_stencil import OutlineStencil
 from farhorizon.engine.phases import Phases
+from farhorizon.engine.relaxations import Relaxations
 from farhorizon.engine.tables import (
     BlockSums,
     Cuts,
@@ -80,6 +81,7 @@ DAMPERS = 33  # masses of tuned dampers move
 KEEP_INCREMENTS = 34  # increments of the last step are stored for drag
 PUSH = 35  # rigid shapes push nodes, and move
 WORK_OF_PUSHES = 36  # the work of these pushes is accumulated
+RELAX = 37  # forces of the medium relax
 
 # Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
 # through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
@@ -136,6 +138,7 @@ class Tables(NamedTuple):
     phases: Phases = empty(Phases)
     heat: ThermalStrains = empty(ThermalStrains)
     impactors: Impactors = empty(Impactors)
+    relaxations: Relaxations = empty(Relaxations)
 
 
 class Asked(NamedTuple):
@@ -179,6 +182,7 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     return (
         _present((DAMP_OLD, damped))
         + operator_operations(tables, dissolving=stage == 0)
+        + _present((RELAX, tables.relaxations.keep.size))
         + _present((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
         + _present((PUSH, asked.pushed))
         + _drag_operations(tables)

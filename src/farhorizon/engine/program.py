@@ -53,6 +53,7 @@ from farhorizon.engine.operations import (
     OUTLINE,
     PUSH,
     RECEIVE,
+    RELAX,
     RELEASE,
     SEND,
     STRETCH_FORCES,
@@ -64,6 +65,7 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.outline_stencil import fill_outline
 from farhorizon.engine.phases import dissolve, dissolve_copies, find_runs
+from farhorizon.engine.relaxations import relax_forces
 from farhorizon.engine.release import break_by_energy
 from farhorizon.engine.thermal_strain import (
     advance_thermal_strains,
@@ -215,6 +217,12 @@ def scale_by_mobility(thread, stage, sums, tables, inputs, step, number):
                 free = src[i] + keep * (src[i] - base[i])
                 out[i] = free + mobile[i] * (out[i] - free)
     barrier(thread)
+
+
+@operation(RELAX)
+def relax_all_forces(thread, stage, sums, tables, inputs, step, number):
+    """Relax the forces of the medium."""
+    relax_forces(thread, stage, sums.sweep.block, tables.relaxations)
 
 
 @operation(ADD_SOURCES)

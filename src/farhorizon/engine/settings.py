@@ -19,6 +19,7 @@ from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.media import media_of
 from farhorizon.engine.phases import count_solid, phases_table
+from farhorizon.engine.relaxations import Relaxations, relaxation_factors
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
 from farhorizon.engine.thermal_strain import ThermalStrains
 
@@ -160,6 +161,33 @@ def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) ->
         beyond=beyond,
     )
     engine.replace(drag=drag)
+
+
+def set_relaxations(engine: Engine, times: np.ndarray, shares: np.ndarray) -> None:
+    """Have the forces of the medium relax by mechanisms, given by their relaxation times and their shares of the
+    modulus, for equations of second order. The older level must outlive a step, and the engine must have been created
+    for as many mechanisms.
+    """
+    keep, now, later = (values.astype(engine.dtype) for values in relaxation_factors(times, shares, engine.dt))
+    room = np.zeros((engine.threads, engine.layout.box.nodes[2]), engine.dtype)
+    engine.replace(relaxations=Relaxations(keep, now, later, engine.levels[engine.stages.levels :], room))
+
+
+def begin_relaxations(engine: Engine) -> None:
+    """Let nothing have relaxed yet of the forces in the present state."""
+    now = engine.tables.relaxations.now
+    if now.size:
+        force = engine.tables.numbers[-1, 3] * engine.apply(engine.current)
+        engine.tables.relaxations.memory[:] = -np.multiply.outer(now, force)
+
+
+def relaxed(engine: Engine, forces: np.ndarray) -> np.ndarray:
+    """Return what mechanisms leave of the forces of the medium in the present state, as a level."""
+    relaxations = engine.tables.relaxations
+    if not relaxations.now.size:
+        return forces
+    lost = relaxations.memory.sum(0) / engine.tables.numbers[-1, 3] + relaxations.now.sum() * forces
+    return np.asarray(forces - lost)
 
 
 def set_phases(

@@ -46,9 +46,11 @@ class State:
         self.size, self.size_of_field = len(self.read()), len(self._nodes)
 
     def _levels(self, phase: int) -> list[int]:
-        """Levels that a step reads before it writes them: that of the field, and for second order also the previous
-        level or the increment.
-        """
+        """Levels that a step reads before it writes them, and those of the memory of relaxation."""
+        return [*self._of_times(phase), *range(self.engine.stages.levels, len(self.engine.levels))]
+
+    def _of_times(self, phase: int) -> list[int]:
+        """The first of these: that of the field, and for second order also the previous level or the increment."""
         stages, read, written = self.engine.stages, [], set()
         for (source, base, out), (_, b, _, _) in zip(stages.rotation[phase], stages.numbers, strict=True):
             read += [level for level in (source, base) if level not in written and (level == source or b != 0)]
@@ -98,7 +100,7 @@ class State:
         the memory of the layers.
         """
         values = np.zeros(self.size)
-        levels = len(self._levels(0)) if not self.engine.stages.increments else 1
+        levels = len(self._of_times(0)) if not self.engine.stages.increments else 1
         values[: levels * len(field)] = np.tile(field, levels)
         return values
 
@@ -204,6 +206,7 @@ def digest(engine: Engine) -> str:
         *tables.stretches._replace(memory=none, room=none),
         *tables.drag._replace(lost=none, room=none, moved=none, beyond=none),
         tables.mobility,
+        *tables.relaxations[:3],
         *tables.gradient_pass.surface[:-1],
         *tables.divergence_pass.surface[:-1],
         *tables.divergence_pass.cuts,

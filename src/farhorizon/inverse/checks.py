@@ -18,6 +18,7 @@ from farhorizon.inputs.sources import Source
 from farhorizon.inverse.misfits import Misfit
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.of_field import OfField
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.setup import Setup, keys, side_name
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.simulation.time.source_terms import given, split_source_terms
@@ -203,6 +204,7 @@ def _check_model(setup: Setup) -> None:
                 key="load" if name == "warm" else f"model.{name}",
                 remedy="leave it out: small waves do not break bonds",
             )
+    check_lossless(model, "gradient", "a model without attenuation")
     if model.drag:
         raise InputError(
             "drag is no force: it moves nodes towards the mean of neighbours that are there, heavy or light, "

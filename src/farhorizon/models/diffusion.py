@@ -56,6 +56,5 @@ class Diffusion(LatticeModel):
         self._set(diffusivity=material_constant(diffusivity, "model.diffusivity", follows=True))
         self.integrator = first_order(integrator)
 
-    @staticmethod
-    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+    def medium_of(self, constants: Mapping[str, Any]) -> tuple[Any, Any]:
         return constants["diffusivity"], 1.0

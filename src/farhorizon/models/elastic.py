@@ -17,6 +17,7 @@ from farhorizon import kinds
 from farhorizon.arguments import Frequency, Unit
 from farhorizon.engine.codegen.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
+from farhorizon.medium.attenuation import Attenuation
 from farhorizon.medium.bond_laws import BondLaw
 from farhorizon.medium.force_states import (
     ForceStates,
@@ -44,7 +45,16 @@ from farhorizon.medium.solids import (
 )
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
-from farhorizon.models.model import Constant, Density, LatticeModel, Modulus, Ordered, material_constant, second_order
+from farhorizon.models.model import (
+    Constant,
+    Density,
+    LatticeModel,
+    Modulus,
+    Ordered,
+    attenuation_of,
+    material_constant,
+    second_order,
+)
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 CALIBRATIONS = ("running", "static")
@@ -119,6 +129,9 @@ class Elastic(LatticeModel):
         same as `nonlinear` unless given.
     integrator : {"verlet", "modified-equation"}
         As for `Wave`: the modified equation serves solids whose bonds neither break nor have a law of their own.
+    attenuation : Attenuation, optional
+        The quality factor of the medium, the same everywhere and for P and S waves, of a solid whose bonds neither
+        break nor have a law of their own; the moduli are then those at its reference frequency.
     surface : {"energy"}, optional
         For bond-based and state-based materials: the bonds of nodes near free sides and at the surface of a body are
         stiffened such that the energy of each node, and its dilatation, under unit stretches along each axis and each
@@ -133,7 +146,8 @@ class Elastic(LatticeModel):
         ``2 lam mu / (lam + 2 mu)``. Where moduli or density vary, only the given ones are set, in the form in which
         they were given; the others are None.
     coefficient : float
-        Squared speed of P waves; not defined where moduli or density vary.
+        Squared speed of P waves, with attenuation of those of infinite frequency; not defined where moduli or density
+        vary.
 
     Raises
     ------
@@ -201,6 +215,7 @@ class Elastic(LatticeModel):
         law: BondLaw | None = None,
         contact: bool | None = None,
         integrator: str | Integrator = "verlet",
+        attenuation: Attenuation | None = None,
         surface: str | None = None,
         calibrate: str = "running",
     ) -> None:
@@ -228,6 +243,7 @@ class Elastic(LatticeModel):
         self._check_surface()
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.integrator = second_order(integrator, self.damping)
+        self.attenuation = attenuation_of(attenuation)
         moduli = {"young": young, "poisson": poisson, "bulk": bulk, "shear": shear}
         self._given_moduli = {
             name: material_constant(value, f"model.{name}", positive=name != "poisson")
@@ -488,7 +504,8 @@ class Elastic(LatticeModel):
             return
         self.young, self.poisson, self.bulk, self.shear, self.lame = _moduli(self, given)
         self.source_factor = 1 / self.density
-        self.coefficient = self.p_modulus / self.density
+        stiffer = 1.0 if self.attenuation is None else self.attenuation.unrelaxed
+        self.coefficient = stiffer * self.p_modulus / self.density
 
     @property
     def uneven(self) -> dict[str, Any]:

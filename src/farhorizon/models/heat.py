@@ -90,8 +90,7 @@ class Heat(LatticeModel):
         self.self_term = kinds.one_of(self_term, "model.self_term", SELF_TERMS, "unknown self term")
         self.integrator = first_order(integrator)
 
-    @staticmethod
-    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+    def medium_of(self, constants: Mapping[str, Any]) -> tuple[Any, Any]:
         capacity = constants["density"] * constants["specific_heat"]
         return constants["conductivity"] / capacity, capacity
 

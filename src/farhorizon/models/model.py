@@ -18,6 +18,7 @@ from farhorizon.arguments import ANY, Function, OfRegions, Unit
 from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
 from farhorizon.medium import bond_laws
+from farhorizon.medium.attenuation import Attenuation
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, ModifiedEquation, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
@@ -94,6 +95,9 @@ class LatticeModel:
         d in ``2 d u_t`` (1/time), second-order models only.
     drag : float
         Rate at which the velocity of a node relaxes towards the mean of its neighbours (1/time).
+    attenuation : Attenuation or None
+        How the forces of the medium relax, of linear waves by velocity Verlet; the `coefficient` is then that of waves
+        of infinite frequency.
     reaction : float
         r in ``- r (u - background)`` on the right-hand side, in 1/time or, for second-order models, 1/time^2. A
         negative one, of scalar fields, is growth, for which no side absorbs.
@@ -149,6 +153,7 @@ class LatticeModel:
     coefficient: float
     damping: float = 0.0
     drag: float = 0.0
+    attenuation: Attenuation | None = None
     reaction: float = 0.0
     integrator: Integrator
     source_factor: float = 1.0
@@ -285,8 +290,7 @@ class LatticeModel:
             self.coefficient, density = self.medium_of({**constants, **self._at_background})
             self.source_factor = 1 / density
 
-    @staticmethod
-    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
+    def medium_of(self, constants: Mapping[str, Any]) -> tuple[Any, Any]:
         """The squared speed, or diffusivity, and the density of a scalar medium of given `constants`: the mass or heat
         capacity per volume by which what acts on a node is divided.
         """
@@ -519,6 +523,14 @@ def second_order(integrator: str | Integrator, damping: float) -> Integrator:
             remedy='integrator = "verlet"',
         )
     return found  # type: ignore[return-value]
+
+
+def attenuation_of(value: Any) -> Attenuation | None:
+    """An attenuation, or None; an InputError for anything else."""
+    if value is None:
+        return None
+    remedy = "Attenuation(quality=50, band=(0.1, 10.0))"
+    return kinds.instance(value, "model.attenuation", Attenuation, "an Attenuation", remedy=remedy)
 
 
 def material_constant(value: Any, key: str, positive: bool = True, follows: bool = False) -> Any:

@@ -7,10 +7,11 @@ from typing import Annotated, Any, ClassVar
 
 from farhorizon import kinds
 from farhorizon.arguments import Frequency, Unit
+from farhorizon.medium.attenuation import Attenuation
 from farhorizon.medium.integrators import Integrator
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import Constant, Density, LatticeModel, material_constant, second_order
+from farhorizon.models.model import Constant, Density, LatticeModel, attenuation_of, material_constant, second_order
 
 
 class Wave(LatticeModel):
@@ -34,6 +35,8 @@ class Wave(LatticeModel):
         Velocity Verlet, of second order in the time step, or the modified equation of fourth order, which takes two
         sweeps a step, whose limit is sqrt(3) times as long, and which serves linear waves without damping. The stencil
         should be as accurate: `Stencil.finite_difference` of order 4 or more.
+    attenuation : Attenuation, optional
+        The quality factor of the medium, the same everywhere; `speed` is then that at its reference frequency.
 
     Notes
     -----
@@ -64,15 +67,17 @@ class Wave(LatticeModel):
         *,
         density: Density = 1.0,
         integrator: str | Integrator = "verlet",
+        attenuation: Attenuation | None = None,
     ) -> None:
         super().__init__(operator)
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.integrator = second_order(integrator, self.damping)
+        self.attenuation = attenuation_of(attenuation)
         self._set(speed=material_constant(speed, "model.speed"), density=material_constant(density, "model.density"))
 
-    @staticmethod
-    def medium_of(constants: Mapping[str, Any]) -> tuple[Any, Any]:
-        return constants["speed"] ** 2, constants["density"]
+    def medium_of(self, constants: Mapping[str, Any]) -> tuple[Any, Any]:
+        squared = constants["speed"] ** 2
+        return squared if self.attenuation is None else self.attenuation.unrelaxed * squared, constants["density"]
 
     @property
     def speeds(self) -> dict[str, float]:

@@ -272,7 +272,7 @@ def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     uneven = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
     uneven = uneven or ours.of_field
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
-    plain = ours.model.bond_law is None and not ours.model.drag
+    plain = ours.model.bond_law is None and not ours.model.drag and ours.model.attenuation is None
     return endless and plain and not uneven and not ours.sources
 
 

@@ -17,6 +17,7 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import size_of_record
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup, side_name
 from farhorizon.simulation.time.source_terms import scheme_of
@@ -51,6 +52,7 @@ def medium_outside(parts: RunParts) -> Scheme:
             key="far_field",
             remedy="Receivers in a larger near field",
         )
+    check_lossless(near.model, "far_field", "Receivers in a larger near field")
     law = near.model.bond_law
     if law is not None and law.nonlinear:
         raise InputError(

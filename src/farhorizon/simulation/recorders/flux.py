@@ -19,6 +19,7 @@ from farhorizon.engine.tables import Cuts
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
 
@@ -135,6 +136,7 @@ def flux_tables(
     factors, 0 where no bond exists within the near field.
     """
     check_drift(near, "flux")
+    check_lossless(near.model, "flux", "Receivers of the field")
     engine, stencil = grid.engine, near.stencil
     u = grid.view(engine.current).reshape(near.lattice.shape).astype(float)
     if phases is not None and phases.dissolution.limited:  # the value of the metal in bonds between the phases

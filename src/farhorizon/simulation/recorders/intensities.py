@@ -15,6 +15,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup
 
@@ -123,6 +124,7 @@ class StressIntensity(RowRecorder):
     def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         near = parts.whole.near
         _check_medium(setup, near)
+        check_lossless(near.model, "stress_intensity", "Receivers beside the tip")
         ends = _ends([crack.cut for crack in setup.cracks], near)
         chosen = range(len(ends)) if self.tips is None else [_nearest(tip, ends, near) for tip in self.tips]
         self.points = np.array([ends[number][0] for number in chosen])

@@ -19,6 +19,7 @@ from farhorizon.simulation.recorders.flux import bonds_left, is_cut, plane
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
 from farhorizon.simulation.recorders.receivers import as_frequencies, check_frequencies
 from farhorizon.simulation.recorders.recorder import Arrays, Plane, RecordRequest, RowRecorder, Window, check_begun
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.setup import Setup
 
 _SYMMETRIC = 1e-12  # asymmetry relative to the largest weight of a bond
@@ -168,6 +169,7 @@ class PowerThrough(RowRecorder):
 
     def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         _check_bonds(setup, parts)
+        check_lossless(setup.model, "power", "Receivers around the surface")
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
         surfaces = [_surface_of(surface, parts) for surface in self.surfaces]
         crossing, passes = [_crossing(parts, surface) for surface in surfaces], parts.grid.engine.passes

@@ -16,6 +16,7 @@ import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.setup.compatibility import check_lossless
 
 
 class LocalModuli(NamedTuple):
@@ -193,6 +194,7 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     the components are those in the plane; the von Mises stress includes the normal stress across it.
     """
     near, lattice = run.parts.near, run.lattice
+    check_lossless(near.model, STRESS, "the displacements")
     dim = lattice.dim
     u = run.fields["u"].reshape(dim, *lattice.shape)
     if "damage" in run.fields:

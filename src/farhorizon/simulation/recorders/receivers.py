@@ -36,6 +36,7 @@ from farhorizon.simulation.recorders.recorder import (
     Window,
     check_begun,
 )
+from farhorizon.simulation.setup.compatibility import check_lossless
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Setup
 
@@ -62,7 +63,10 @@ class _AtPoints(LinearRecorder, offered=False):
         for name in self.record:
             kinds.one_of(name, key, known, f"{near.model.title} has no such quantity")
         self._derived = any(QUANTITIES[name].derived for name in self.record)
-        self._strained = near.model.warm and any(QUANTITIES[name].stressed for name in self.record)
+        stressed = any(QUANTITIES[name].stressed for name in self.record)
+        if stressed:
+            check_lossless(near.model, key, "the displacements, velocities or strains")
+        self._strained = near.model.warm and stressed
         self._medium = _moduli_at(parts, self.points)
 
     def _interpolations(self, setup: Setup, parts: RunParts, key: str) -> tuple[Blocks, ...]:

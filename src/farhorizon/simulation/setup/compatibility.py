@@ -15,8 +15,9 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import Euler, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
+from farhorizon.models import LatticeModel
 from farhorizon.simulation.setup.reference_medium import constants_of
-from farhorizon.simulation.setup.setup import Setup, Sides, side_name
+from farhorizon.simulation.setup.setup import Setup, Sides, keys, side_name
 
 
 def check_model(setup: Setup, sides: Sides) -> None:
@@ -67,6 +68,39 @@ def check_model(setup: Setup, sides: Sides) -> None:
         _check_surface(setup, sides)
     if isinstance(model.integrator, ModifiedEquation):
         _check_modified_equation(setup, sides)
+    if model.attenuation is not None:
+        _check_attenuation(setup, sides)
+
+
+def _check_attenuation(setup: Setup, sides: Sides) -> None:
+    """Refuse sides and incident waves that are made for a medium without losses, bonds with a law of their own,
+    energies, and single precision, in which forces are differences of values that have lost their digits.
+    """
+    sources = zip(keys("source", setup.sources), setup.sources, strict=True)
+    law = "bonds that neither break nor have a law of their own, without corrected surfaces and thermal loads"
+    refused: list[tuple[bool, str, object, str]] = [
+        (setup.model.bond_law is not None, "model", setup.model.title, law),
+        (setup.balance, "balance", True, "leave it out"),
+        (setup.dtype != "float64", "run.dtype", setup.dtype, 'dtype = "float64"'),
+        *((isinstance(one, Incident), key, type(one).__name__, "a source, or initial data") for key, one in sources),
+    ]
+    for place, side in sides.items():
+        of_the_lossless = side.exact or side.closing or side.derivatives
+        refused.append((of_the_lossless, f"boundary.{side_name(*place)}", type(side).__name__, "LatticePML"))
+    for given, key, value, remedy in refused:
+        if given:
+            raise InputError("not available in a medium with attenuation", value=value, key=key, remedy=remedy)
+
+
+def check_lossless(model: LatticeModel, key: str, remedy: str) -> None:
+    """Refuse what follows from the forces of a medium without attenuation.
+
+    Raises
+    ------
+    InputError
+    """
+    if model.attenuation is not None:
+        raise InputError("not available in a medium with attenuation", value=model.attenuation, key=key, remedy=remedy)
 
 
 def _check_modified_equation(setup: Setup, sides: Sides) -> None:
@@ -78,6 +112,7 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
     refused: list[tuple[bool, str, object, str]] = [
         (model.bond_law is not None, "model", model.title, linear),
         (bool(model.damping or model.drag), "model.damping", model.damping, 'integrator = "verlet"'),
+        (model.attenuation is not None, "model.attenuation", model.attenuation, 'integrator = "verlet"'),
         (model.of_temperature is not None, "model", model.title, 'integrator = "verlet"'),
         (len(setup.constraints) > 0, "constraint", len(setup.constraints), 'Fixed sides, or integrator = "verlet"'),
         (setup.balance, "balance", True, 'leave it out, or integrator = "verlet"'),

@@ -13,7 +13,7 @@ from farhorizon.engine.codegen.matrices import Signs
 from farhorizon.engine.engine import Engine, Layer
 from farhorizon.engine.exchange import Link
 from farhorizon.engine.filter import filter_with_images
-from farhorizon.engine.settings import connect, set_density
+from farhorizon.engine.settings import connect, set_density, set_relaxations
 from farhorizon.engine.two_pass import StateSums
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
@@ -189,7 +189,9 @@ def make_grid(
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     if isinstance(model.integrator, ModifiedEquation) and layers:
         _check_modified_equation(near, list(layers.values()))
-    light = near.density is None and not model.drag  # otherwise the base of a stage is read after the forces
+    relaxation = None if model.attenuation is None else model.attenuation.relaxation
+    # otherwise the base of a stage is read after the forces
+    light = near.density is None and not model.drag and relaxation is None
     alone = lattice.dim == 1 and light
     stages = model.integrator.stages(near.dt, model.damping, alone, setup.lasting or not light)
     grown = None
@@ -215,7 +217,10 @@ def make_grid(
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, layered, margins)),
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
         dragged=model.drag > 0,
+        mechanisms=0 if relaxation is None else len(relaxation.times),
     )
+    if relaxation is not None:
+        set_relaxations(engine, *relaxation)
     if exchange is not None:
         link, neighbours = exchange
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})
@@ -306,5 +311,5 @@ def _hold_beyond(grid: Grid, near: NearField, layered: LayeredSides, key: Key, v
     engine, block = grid.engine, grid.engine.core
     m = block.reach[axis]
     strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
-    for level in engine.levels[: len(engine.levels) - engine.stages.increments]:
+    for level in engine.levels[: engine.stages.levels - engine.stages.increments]:
         block.all(level)[strip] = value - near.background

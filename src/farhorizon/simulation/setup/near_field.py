@@ -18,6 +18,7 @@ from farhorizon.inputs.conditions import Conditions, losses, resolve
 from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.prescribed import Prescribed, PrescribedNodes
 from farhorizon.inputs.sources import field, largest_component
+from farhorizon.medium.attenuation import Attenuation
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
@@ -272,6 +273,8 @@ def near_field(
             leak = float(_leak(model, conditions.leaks, variation.density).max(initial=0))
         extremes = Extremes(_rate_limit(setup, stencil, contrast, leak, stiffer), contrast)
     rate = extremes.rate_limit
+    if model.attenuation is not None:
+        _check_band(model.attenuation, float(np.sqrt(rate)) / (2 * np.pi))
     coupling = None if setup.heat is None else _coupling(setup, stencil, variation)
     if coupling is None:
         chosen = model.integrator.outruns and (setup.dt is None or callable(setup.dt))
@@ -296,6 +299,18 @@ def near_field(
         coupling,
         supports,
     )
+
+
+def _check_band(attenuation: Attenuation, highest: float) -> None:
+    """Refuse a band that extends beyond the highest frequency of the lattice."""
+    if attenuation.band[1] > highest:
+        raise InputError(
+            "the lattice has no waves of such a frequency",
+            value=list(attenuation.band),
+            limit=f"<= {highest:.4g}",
+            key="model.attenuation.band",
+            remedy="a smaller spacing, or the band of the waves that there are",
+        )
 
 
 def _contrast(setup: Setup, sides: Sides, stencil: Stencil, variation: Variation) -> Contrast:

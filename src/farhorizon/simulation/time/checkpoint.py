@@ -46,6 +46,8 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
     }
     if model.drag:
         facts["drag"] = model.drag
+    if model.attenuation is not None:
+        facts["attenuation"] = repr(model.attenuation)
     if np.any(engine.reaction):
         facts["reaction"] = np.asarray(engine.reaction).tolist()
     if near.density is not None:

@@ -41,6 +41,8 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = near.mass
+    if near.model.attenuation is not None:  # what the mechanisms hold would follow from displacements of their own
+        return {"kinetic": kinetic_energy(near, grid)}
     further = {"drag": mass * engine.dragged} if near.model.drag else {}
     if np.any(engine.reaction):
         now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))

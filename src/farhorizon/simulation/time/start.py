@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
+from farhorizon.engine.settings import begin_relaxations, relaxed
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.incidence import Incidence
@@ -149,7 +150,7 @@ class Motion:
     def acceleration(self, time: float) -> np.ndarray:
         """Return the acceleration of the present state by the medium, exact ends and sources, as a level."""
         engine = self.grid.engine
-        acceleration: np.ndarray = engine.apply(engine.current)
+        acceleration = relaxed(engine, engine.apply(engine.current))
         if self.ends is not None:
             acceleration[self.ends.nodes] += self.ends.forces()
         part = self.grid.view(acceleration)
@@ -162,6 +163,7 @@ class Motion:
         """
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
         engine.begin(engine.current)
+        begin_relaxations(engine)
         accelerations = self.acceleration(0.0).astype(float)
         change = -(dt**2) / 2 * accelerations
         if isinstance(model.integrator, ModifiedEquation):
