@@ -217,6 +217,10 @@ REFUSED = {
     "layers": ({"boundary": fh.LatticePML(nodes=6)}, "boundary.x-"),
     "springs": ({"boundary": fh.Impedance(stiffness=1.0)}, "boundary.x-"),
     "laws of time": ({"model": fh.Elastic(KERNEL, 1.0, law=fh.ViscoelasticBond(0.4, 2.0))}, "model.law"),
+    "attenuation": (
+        {"model": fh.Elastic(KERNEL, 1.0, attenuation=fh.Attenuation(50.0, (0.01, 0.1)))},
+        "model.attenuation",
+    ),
     "waves": ({"model": fh.Wave(KERNEL)}, "model"),
     "single precision": ({"dtype": "float32"}, "dtype"),
     "velocities": ({"initial": {"v": [1.0, 0.0]}}, "initial.v"),

@@ -33,6 +33,7 @@ def check_load_steps(setup: Setup, sides: Sides) -> None:
         (not model.mechanical or model.of_temperature is not None, "model", model.title, "Elastic or Correspondence"),
         (not isinstance(model.integrator, Verlet), "model.integrator", model.integrator.name, 'integrator = "verlet"'),
         (law is not None and law.timed, "model.law", type(law).__name__, "a law that does not depend on dt"),
+        (model.attenuation is not None, "model.attenuation", "given", "the moduli of slow loading, without it"),
         (moving, "initial.v", "given", "a body at rest"),
         (setup.dtype != "float64", "dtype", setup.dtype, 'dtype = "float64"'),
         (setup.heat is not None, "load", "a thermal load", "a run in time, with a steady temperature"),
