@@ -313,6 +313,8 @@ SLOW = {
         torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based", contact=True),
         ALONG_Y,
     ),
+    # only one of the processes lacks bonds
+    "states at one free side": (plane(STATES, {"x": FOUR, "y-": FOUR, "y+": fh.Free()}, **WIDE), ALONG_Y),
     "states at free sides": (plane(CORRESPONDENCE, {"x": FOUR, "y": fh.Free()}, **WIDE), ALONG_Y),
     "states that are heated": (
         plane(

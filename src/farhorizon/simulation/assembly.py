@@ -261,7 +261,7 @@ def assembled(
     if any(side.extended for side in sides.values()):
         layered = extend(setup, layered, emitters, exterior.notes)
 
-    states = states_of(setup, sides, near.variation.moduli is not None)
+    states = states_of(setup, sides, near.variation.moduli is not None, team)
     margins = _margins(surveyed, layered, start, states, team)
     if thermoelastic:
         margins |= thermoelastic_margins(setup, thermoelastic, layered)

@@ -110,15 +110,17 @@ def _over_core(values: np.ndarray, margins: dict[Key, int], mode: Literal["edge"
     return grown.reshape((1,) * (3 - values.ndim) + grown.shape)
 
 
-def states_of(setup: Setup, sides: Sides, varies: bool) -> ForceStates | None:
+def states_of(setup: Setup, sides: Sides, varies: bool, team: ProcessGroup = ALONE) -> ForceStates | None:
     """Return the states of the nodes if the operator is applied in two passes: where bonds may be absent or moduli
-    vary, and in 3D, where the combined stencil takes longer (`benchmarks/elastic.py passes`); otherwise None.
+    vary, and in 3D, where the combined stencil takes longer (`benchmarks/elastic.py passes`); otherwise None. All
+    processes do it alike, also those whose own sides and constants would not require it.
     """
     lattice = setup.lattice
     cut = varies or bool(len(setup.cracks)) or setup.model.bond_law is not None
     cut |= lattice.body is not None and setup.rim == "free"
     cut |= setup.model.drag > 0 or any(b.derivatives for b in sides.values())
-    if lattice.dim < 3 and not cut and all(b.bonded for b in sides.values()):
+    cut |= not all(b.bonded for b in sides.values())
+    if lattice.dim < 3 and not team.any(cut):
         return None
     return setup.model.force_states(lattice.spacing, lattice.dim)
 
