@@ -151,7 +151,7 @@ def test_examples_of_extensions_run(program, monkeypatch):
     """Each has at most 40 lines and runs by itself; what it defines is forgotten afterwards."""
     assert len(program.splitlines()) <= 40
     defined = re.findall(r"^class (\w+)", program, re.MULTILINE)
-    families = (fh.LatticeModel, fh.Side, fh.Shape, fh.Load, fh.Signal, Recorder)
+    families = (fh.LatticeModel, fh.BondLaw, fh.Side, fh.Shape, fh.Load, fh.Signal, Recorder)
     for family, name in [*((family, "known") for family in families), (Storable, "stored_as")]:
         others = {key: known for key, known in getattr(family, name).items() if key not in defined}
         monkeypatch.setattr(family, name, others)

@@ -421,9 +421,9 @@ def test_a_uniform_field_stays(dim, boundary):
 
 
 def test_a_near_field_thinner_than_the_stencil_is_refused():
-    """Fewer than 2 m + 1 nodes along an axis."""
+    """Fewer than 2 m + 1 nodes along an axis between sides that are neither free nor fixed."""
     with pytest.raises(InputError, match=r"thinner than the stencil.*>= 7"):
-        Simulation(lattice_of((6, 20)), Wave(kernel_stencil(2, 3)), Free())
+        Simulation(lattice_of((6, 20)), Wave(kernel_stencil(2, 3)), LatticePML(nodes=4))
 
 
 def test_an_engine_goes_as_soon_as_nobody_holds_it():
