@@ -210,7 +210,7 @@ def noise_growth(
     if run.explosion() is not None:
         return run.explosion(), 0.0
     length = len(run.sizes) - 1
-    # soon after the start noise may grow in proportion to time, because its velocities are those of short waves
+    # soon after the start a state with momentum may grow in proportion to time, by half over a third of the run
     least = 1.0 if complete and fraction == 1 else _RISES
     # few vectors cannot separate modes that nearly coincide, such as those of a drift
     if update.size <= DENSE and run.rise() > least:

@@ -136,8 +136,8 @@ class Elastic(LatticeModel):
         For bond-based and state-based materials: the bonds of nodes near free sides and at the surface of a body are
         stiffened such that the energy of each node, and its dilatation, under unit stretches along each axis and each
         pair of axes are those inside the solid (`farhorizon.medium.surface`). Bodies of 3 nodes and more then have the
-        given moduli in tension and shear, within 2 %. Faces of cracks are not corrected. Steps are shorter, 0.7 times
-        as long, and take up to ten times the time, in state-based bodies up to thirty times.
+        given moduli in tension and shear, within 2 %. Faces of cracks are not corrected. Steps are shorter, and
+        take four to nine times the time, in state-based bodies five to 43 times (`benchmarks/features.py surface`).
 
     Attributes
     ----------
