@@ -14,7 +14,6 @@ from farhorizon.engine.settings import set_drag
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
-from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.variation import Variation
@@ -170,10 +169,10 @@ def survey(
         check_variation(sides, variation, stencil)
     if any(side.derivatives for side in sides.values()):
         check_entrances(given_setup, sides, stencil)
-    if isinstance(setup.dt, LoadSteps):
+    if setup.load_steps is not None:
         check_load_steps(setup, sides)
         in_time = near_field(replace(setup, dt=None), sides, stencil, variation, coefficient, stiffer)
-        setup = replace(setup, model=with_fictitious_masses(setup.model, in_time.step_limit, setup.dt))
+        setup = replace(setup, model=with_fictitious_masses(setup.model, in_time.step_limit, setup.load_steps))
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     waves, sources = [], []
     if setup.sources or setup.loads or setup.constraints:
@@ -246,7 +245,7 @@ def assembled(
     if setup.cracks:
         exterior.check_cracks(_cuts(setup), near.stencil.reach)
     source_terms = split_source_terms(surveyed.sources, near, exterior) if surveyed.sources else SourceTerms([], [])
-    if isinstance(setup.dt, LoadSteps):
+    if setup.load_steps is not None:
         check_loads(setup, source_terms.unsplit)
         exterior.notes.append(ITERATED)
     active_terms = source_terms.sources + [source_term for _, source_term in near.conditions.sources]

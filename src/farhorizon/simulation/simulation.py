@@ -232,7 +232,7 @@ class Simulation(Run):
         if layered.extents:
             sides = resolved_sides(layered)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
-        if isinstance(setup.dt, LoadSteps):
+        if setup.load_steps is not None:
             self.settled = replace(self.settled, dt=setup.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
@@ -566,7 +566,7 @@ class Simulation(Run):
             Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """
         self.team.alone("certificates")
-        if isinstance(self.setup.dt, LoadSteps):
+        if self.setup.load_steps is not None:
             return Certificate(CERTIFIED, "load steps are damped", rate=0.0)
         if self._chooses:
             self._select_sides_alone()

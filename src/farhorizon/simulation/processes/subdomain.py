@@ -14,7 +14,6 @@ from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, decompose
 from farhorizon.geometry.lattice import Lattice, check_any
-from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.sources import Source
@@ -191,7 +190,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
         ),
         ("impactors, whose forces come from nodes of all processes,", "load", bool(setup.impactors)),
         ("sponges beside media that vary", "boundary", varies(setup) and damped),
-        ("load steps", "dt", isinstance(setup.dt, LoadSteps)),
+        ("load steps", "dt", setup.load_steps is not None),
         ("surfaces that are corrected", "model.surface", setup.model.stiffens_surfaces),
     ]
     for what, key, given in refused:

@@ -18,7 +18,6 @@ from farhorizon.engine.settings import record_blocks
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.heat.thermal_strains import ThermalStrains
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
@@ -148,7 +147,7 @@ class Recording:
             with self._naming(recorder), team.agreed():
                 requests.append(recorder.begin(setup, parts))
             if isinstance(recorder, RowRecorder):
-                recorder.resting = isinstance(setup.dt, LoadSteps)
+                recorder.resting = setup.load_steps is not None
             recorder.run = self._number
         for text in self.doubts:
             if text not in doubts_before:  # recorders of a run that is made anew have already issued theirs

@@ -269,11 +269,16 @@ constraints, balance, specimens, loads
         return self.rule or ("harmonic" if self.model.uneven else "both")
 
     @property
+    def load_steps(self) -> LoadSteps | None:
+        """The load steps that replace time steps; None if the run goes on in time."""
+        return self.dt if isinstance(self.dt, LoadSteps) else None
+
+    @property
     def lasting(self) -> bool:
         """Whether the older time level is kept after a step, as required by the energies of individual bonds, by drag,
         by the work of sources and by load steps.
         """
-        kept = self.model.bond_law is not None or self.model.drag > 0 or isinstance(self.dt, LoadSteps)
+        kept = self.model.bond_law is not None or self.model.drag > 0 or self.load_steps is not None
         return kept or (self.model.mechanical and self.balance)
 
     @property

@@ -12,7 +12,6 @@ import numpy as np
 from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.assembly import RunParts, assemble
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
@@ -62,8 +61,8 @@ class TimeLoop:
             near, grid, parts.active_terms, parts.phases, max([*largest, _TINY, *held]), parts.impactors
         )
         self.relaxation: Relaxation | None = None
-        if isinstance(setup.dt, LoadSteps):
-            self.relaxation = Relaxation(setup.dt, near, grid, self.source_table)
+        if setup.load_steps is not None:
+            self.relaxation = Relaxation(setup.load_steps, near, grid, self.source_table)
         self._motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
