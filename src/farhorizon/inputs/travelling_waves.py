@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from farhorizon import kinds
 from farhorizon.analysis.references.pulse import PlanePulse, sampled
@@ -16,8 +17,9 @@ from farhorizon.arguments import Duration, OfTime
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.expressions import as_signal
+from farhorizon.inputs.expressions import Expression, as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
+from farhorizon.inputs.signals import Signal
 from farhorizon.medium.free_side import FreeSide
 
 _POLARISATIONS = ("P", "S")
@@ -58,13 +60,23 @@ class TravellingWave(Incident):
         )
         check_within(self.within)
 
-    def at(self, t: float) -> float:
-        """The signal at a time: zero before 0 and after its duration."""
-        return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
+    def at(self, times: ArrayLike) -> np.ndarray:
+        """The signal at times of any shape: zero before 0 and after its duration. Signals that are not functions in
+        Python are evaluated at all times at once.
+        """
+        times = np.asarray(times, float)
+        during = (times >= 0) & (times <= self.duration)
+        within, values = times[during], np.zeros(times.shape)
+        if isinstance(self.signal, Expression | Signal):
+            values[during] = kinds.array(self.signal(within), "incident.signal", shape=within.shape, finite=False)
+        else:
+            each = [kinds.array(self.signal(t), "incident.signal", shape=(), finite=False) for t in within.tolist()]
+            values[during] = each
+        return values
 
     def velocities(self, times: np.ndarray) -> np.ndarray | None:
         """Rates of change of the signal at equidistant times, up to a factor."""
-        return np.gradient([self.at(t) for t in times.tolist()]) if len(times) > 1 else None
+        return np.gradient(self.at(times)) if len(times) > 1 else None
 
     @property
     def along(self) -> np.ndarray:

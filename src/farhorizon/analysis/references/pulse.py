@@ -21,13 +21,13 @@ _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattic
 # largest part of the signal, relative to its largest value, at frequencies that the lattice does not carry, which is
 # left out
 _CARRIED = 1e-2
-_MOST_STEPS = 10**7  # of a signal: more than a pulse has, and few enough samples for memory
+_MOST_STEPS = 10**6  # of a signal: more than a pulse has, and its waves are found in a second
 _LATE = 1e-10  # frequencies above this part of the largest must have passed before the pulse is over
 # interpolation in space: nodes per radian of the shortest wave, and nodes used for a value
 _GRID, _POINTS = 6.0, 14
 
 
-def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.ndarray:
+def sampled(signal: Callable[[np.ndarray], np.ndarray], duration: float, dt: float) -> np.ndarray:
     """Samples of a signal at the time steps within its duration; an InputError if it is not finite, or zero, or lasts
     too many steps.
     """
@@ -40,7 +40,7 @@ def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.
             remedy="how long the signal itself lasts, in the unit of time of the run",
         )
     steps = int(np.ceil(duration / dt - 1e-9)) + 1  # rounding must not add a step in some units
-    samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
+    samples = signal(dt * np.arange(steps))
     if not np.isfinite(samples).all():
         raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
     if not samples.any():
@@ -119,7 +119,7 @@ class PlanePulse:
         dt: float,
         direction: np.ndarray,
         polarisation: np.ndarray | None,
-        signal: Callable[[float], float],
+        signal: Callable[[np.ndarray], np.ndarray],
         duration: float,
         distance: float,
         period: float | None = None,

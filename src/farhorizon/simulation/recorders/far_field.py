@@ -478,7 +478,7 @@ class FarField(LinearRecorder):
             return []
         ((wave, region),), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
         times = dt * np.arange(int(np.ceil(wave.duration / dt - 1e-9)) + 1)
-        spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ [dt * wave.at(t) for t in times]
+        spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ (dt * wave.at(np.asarray(times)))
         vector, place = wave.vector(self._scheme.stencil.components), wave.start(region) / spacing
         return [
             ArrivingPlane.of(self._scheme, squared, wave.along, vector, complex(amplitude), place)
