@@ -195,6 +195,13 @@ class Layout:
         """Distances in a level to the neighbours of a node, in the order of the offsets; shape (K,)."""
         return np.asarray(self.offsets @ np.array(self.box.stride))
 
+    @property
+    def away(self) -> tuple[np.ndarray, np.ndarray]:
+        """First node, and last + 1, of the box of nodes to which no layer adds anything."""
+        layered, m = [[(a, side) in self.columns for a in range(3)] for side in (-1, 1)], np.array(self.reach)
+        first = np.where(layered[0], np.array(self.low) + m, 0)
+        return first, np.maximum(first, self.box.nodes - np.where(layered[1], np.array(self.high) + m, 0))
+
     def bonds_between(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Numbers in the stencil of the bonds from some places in a level to others."""
         order = np.argsort(self.distances)

@@ -35,6 +35,7 @@ from farhorizon.engine.operations import (
     NEIGHBOURS,
     PUSHES,
     RECORD,
+    RELAX,
     RELEASE,
     STRETCH,
     STRETCH_FORCES,
@@ -131,8 +132,10 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     passes = sorted({which for operations in lists for _, _, which in operations} | {BOND_STENCIL})
     split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
     swept = {which for operations in lists for operation, _, which in operations if operation in (SWEEP, AHEAD)}
+    done = {operation for operations in lists for operation, _, _ in operations}
     parts = {
-        which: _on_parts(table, inputs.table, which, which in split) if which in swept else ([], []) for which in passes
+        which: _on_parts(table, inputs.table, which, which in split, done) if which in swept else ([], [])
+        for which in passes
     }
     sums = {which: _sums(tables, which, *map(len, parts[which])) for which in passes}
     of_stages = [
@@ -219,9 +222,12 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
     return functions + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
 
 
-def _on_parts(tables: Tables, inputs: Inputs, which: int, split: bool) -> tuple[list[Function], list[Function]]:
+def _on_parts(
+    tables: Tables, inputs: Inputs, which: int, split: bool, done: Set[int]
+) -> tuple[list[Function], list[Function]]:
     """Functions that are called for each part of the box as a pass sweeps it, and those that are called while messages
-    are under way. If the pass is `split`, what needs no halo has been swept by the latter.
+    are under way. If the pass is `split`, what needs no halo has been swept by the latter. `done` are the operations of
+    all stages.
     """
     program, operands, bonds = load_sweep_program(), pass_of(tables, which), tables.bonds
     if tables.phases.runs.size:
@@ -236,6 +242,7 @@ def _on_parts(tables: Tables, inputs: Inputs, which: int, split: bool) -> tuple[
         (program.record_nodes_part, which == BOND_STENCIL and nodes),
         (program.record_blocks_part, which == BOND_STENCIL and blocks),
         (program.law_part, operands.sweep.law.values.size),
+        (program.relax_part, which == BOND_STENCIL and RELAX in done),
     ]
     functions = [rest if split else whole, *(function for function, is_used in after if is_used)]
     return functions, [program.move_part, ahead] if split else []

@@ -65,7 +65,7 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.outline_stencil import fill_outline
 from farhorizon.engine.phases import dissolve, dissolve_copies, find_runs
-from farhorizon.engine.relaxations import relax_forces
+from farhorizon.engine.relaxations import relax_rows
 from farhorizon.engine.release import break_by_energy
 from farhorizon.engine.thermal_strain import (
     advance_thermal_strains,
@@ -221,8 +221,12 @@ def scale_by_mobility(thread, stage, sums, tables, inputs, step, number):
 
 @operation(RELAX)
 def relax_all_forces(thread, stage, sums, tables, inputs, step, number):
-    """Relax the forces of the medium."""
-    relax_forces(thread, stage, sums.sweep.block, tables.relaxations)
+    """Relax the forces on nodes to which more has been added since the sweep."""
+    rows = sums.sweep.block[2]
+    chunk = chunk_of(thread, sums.sweep.block[1] * rows)
+    for row in range(chunk[0], chunk[1]):
+        relax_rows(stage, sums, tables, row // rows, row % rows, row % rows + 1, False)
+    barrier(thread)
 
 
 @operation(ADD_SOURCES)

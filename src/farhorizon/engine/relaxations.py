@@ -8,13 +8,13 @@ that is linear within each step: ``r(n) = keep r(n-1) + b f(n-1) + c f(n)``.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
-from farhorizon.engine.layout import reals
-from farhorizon.engine.threads import barrier, chunk_of
+from farhorizon.engine.codegen.vector_operations import relax_values
+from farhorizon.engine.layout import ints, reals
 
 
 class Relaxations(NamedTuple):
@@ -23,10 +23,14 @@ class Relaxations(NamedTuple):
     keep: np.ndarray = reals(0)  # factor of what is relaxed from one step to the next, shape (N,)
     now: np.ndarray = reals(0)  # share of the present force that is relaxed at once, shape (N,)
     later: np.ndarray = reals(0)  # share of the present force that is added to the memory, shape (N,)
+    total: Any = 0  # sum of `now`
     # What will be relaxed in the next step of the forces so far, in units of the update: further levels of the engine,
     # shape (N, components * places).
     memory: np.ndarray = reals(0, 0)
-    room: np.ndarray = reals(0, 0)  # shape (threads, nodes of a row)
+    # Box of the nodes whose forces are complete once they are swept, unless bonds are cut or there are two passes:
+    # first and last + 1, shape (3,).
+    first: np.ndarray = ints(0)
+    end: np.ndarray = ints(0)
 
 
 def relaxation_factors(times: np.ndarray, shares: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,40 +42,38 @@ def relaxation_factors(times: np.ndarray, shares: np.ndarray, dt: float) -> tupl
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def relax_forces(thread, stage, block, relaxations):
-    """Relax what the forces have done in this step, before anything else has acted on the nodes; `base` still holds the
-    level before `src`.
+def relax_rows(stage, sums, tables, i0, i1, end, swept):
+    """Relax what the forces have done in this step on rows of a plane, before anything else has acted on the nodes: on
+    nodes whose forces are complete once they are `swept`, or on the others. `base` still holds the level before `src`.
     """
-    apart, back, total = stage.out.size // stage.components, -stage.b, relaxations.now.sum()
-    chunk, room = chunk_of(thread, block[1] * block[2]), relaxations.room[thread.number]
-    for row in range(chunk[0], chunk[1]):
-        first = block[0] + row // block[2] * block[4] + row % block[2] * block[5]
-        for c in range(stage.components):
-            start, end = first + c * apart, first + c * apart + block[3]
-            src, base, out = stage.src[start:end], stage.base[start:end], stage.out[start:end]
-            for i in range(block[3]):
-                room[i] = out[i] - (src[i] + back * (src[i] - base[i]))
-                out[i] -= total * room[i]
-            last = relaxations.keep.size - 1
-            for mechanism in range(0, last, 2):  # two at a time, since each pass takes what memory can deliver
-                _pass_on(relaxations, mechanism, mechanism + 1, start, room[: block[3]], out)
-            if last % 2 == 0:
-                _pass_on(relaxations, last, last, start, room[: block[3]], out)
-    barrier(thread)
+    block, relaxations = sums.sweep.block, tables.relaxations
+    at_once = sums.cuts.nodes.size == 0 and tables.gradient_pass.sweep.law.values.size == 0
+    at_once &= relaxations.first[0] <= i0 < relaxations.end[0]
+    for row in range(i1, end):
+        start, last = block[3], block[3]
+        if at_once and relaxations.first[1] <= row < relaxations.end[1]:
+            start, last = relaxations.first[2], relaxations.end[2]
+        place = block[0] + i0 * block[4] + row * block[5]
+        if swept:
+            _relax_nodes(stage, relaxations, place + start, last - start)
+        else:
+            _relax_nodes(stage, relaxations, place, start)
+            _relax_nodes(stage, relaxations, place + last, block[3] - last)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _pass_on(relaxations, one, other, start, force, out):
-    """Subtract what has relaxed by two mechanisms, or by one that is given twice, and add the force to their memory."""
-    a, b = relaxations.memory[one, start : start + out.size], relaxations.memory[other, start : start + out.size]
-    keep_a, later_a = relaxations.keep[one], relaxations.later[one]
-    keep_b, later_b = relaxations.keep[other], relaxations.later[other]
-    if one == other:
-        for i in range(out.size):
-            out[i] -= a[i]
-            a[i] = keep_a * a[i] + later_a * force[i]
-        return
-    for i in range(out.size):
-        out[i] -= a[i] + b[i]
-        a[i] = keep_a * a[i] + later_a * force[i]
-        b[i] = keep_b * b[i] + later_b * force[i]
+def _relax_nodes(stage, relaxations, place, count):
+    """Do the same on neighbouring nodes."""
+    size, memory = stage.out.itemsize, relaxations.memory
+    mechanisms = memory.shape[0], memory.strides[0]
+    for c in range(stage.components if count > 0 else 0):
+        at = (place + c * (stage.out.size // stage.components)) * size
+        relax_values(
+            (stage.out.ctypes.data + at, stage.src.ctypes.data + at, stage.base.ctypes.data + at),
+            memory.ctypes.data + at,
+            mechanisms[1],
+            (relaxations.keep.ctypes.data, relaxations.later.ctypes.data, mechanisms[0]),
+            count,
+            -stage.b,
+            relaxations.total,
+        )

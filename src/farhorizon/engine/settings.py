@@ -169,8 +169,8 @@ def set_relaxations(engine: Engine, times: np.ndarray, shares: np.ndarray) -> No
     for as many mechanisms.
     """
     keep, now, later = (values.astype(engine.dtype) for values in relaxation_factors(times, shares, engine.dt))
-    room = np.zeros((engine.threads, engine.layout.box.nodes[2]), engine.dtype)
-    engine.replace(relaxations=Relaxations(keep, now, later, engine.levels[engine.stages.levels :], room))
+    memory = engine.levels[engine.stages.levels :]
+    engine.replace(relaxations=Relaxations(keep, now, later, now.sum(), memory, *engine.layout.away))
 
 
 def begin_relaxations(engine: Engine) -> None:

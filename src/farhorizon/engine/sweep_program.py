@@ -17,6 +17,7 @@ from farhorizon.engine.codegen.vector_operations import block_sum, copy_values
 from farhorizon.engine.operations import AHEAD, LAW, RECORD, SWEEP
 from farhorizon.engine.phases import LIQUID, SOLID
 from farhorizon.engine.point_law import apply_to_rows
+from farhorizon.engine.relaxations import relax_rows
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, chunk_of, claim
 
@@ -474,6 +475,12 @@ def state_law(thread, sweep, number, swept):
 def law_part(thread, stage, sums, tables, inputs, step, number):
     """Apply the law of the nodes whose states are complete once they are swept."""
     state_law(thread, sums.sweep, number, True)
+
+
+def relax_part(thread, stage, sums, tables, inputs, step, number):
+    """Relax the forces on nodes where they are complete, while what they are subtracted from is in the cache."""
+    i0, first, last = rows_of(sums.sweep, number)
+    relax_rows(stage, sums, tables, i0, first, last, True)
 
 
 def move_part(thread, stage, sums, tables, inputs, step, number):

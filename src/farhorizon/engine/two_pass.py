@@ -217,12 +217,9 @@ class TwoPassOperator:
 
     def _complete_box(self) -> tuple[np.ndarray, np.ndarray]:
         """First node, and last + 1, of the box of nodes to whose states no layer adds."""
-        layout, m = self.layout, np.array(self.layout.reach)
         if self.sums.phi is not None:
             return self._unstretched()
-        layered = [[(a, side) in self.engine.layers for a in range(3)] for side in (-1, 1)]
-        first = np.where(layered[0], np.array(layout.low) + m, 0)
-        return first, np.maximum(first, layout.box.nodes - np.where(layered[1], np.array(layout.high) + m, 0))
+        return self.layout.away
 
     def _unstretched(self) -> tuple[np.ndarray, np.ndarray]:
         """Return `_complete_box` for stretched derivatives, which exclude other layers."""

@@ -341,6 +341,44 @@ def advance_masses(typingctx, states, levels, strengths, keep, pull, fraction, c
 
 
 @intrinsic
+def relax_values(typingctx, levels, memory, apart, factors, count, back, total):
+    """Relax the forces on `count` neighbouring nodes by mechanisms, and let these remember them; see
+    `engine.relaxations`.
+
+    Takes byte addresses: of the levels ``out``, ``src`` and ``base``; of the memory of the first mechanism, with the
+    distance in bytes to that of the next one; and of the factors `keep` and `later`, with the number of mechanisms.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        out, src, base, memory, apart, keep, later, mechanisms, count, back, total = flat(builder, args)
+        vectors = Vectors.of(builder, str(signature.args[5]))
+        inertia, relaxed_now = vectors.splat(builder.fneg(back)), vectors.splat(builder.fneg(total))
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+            new, now, old = (vectors.load(builder.add(level, at)) for level in (out, src, base))
+            moved = vectors.multiply_add(builder.fsub(new, now), inertia, builder.fsub(now, old))
+
+            def relax(number: Any, left: list[Any]) -> list[Any]:
+                place = builder.add(builder.add(memory, at), builder.mul(number, apart))
+                kept, added = (
+                    vectors.splat(builder.load(vectors.pointer(vectors.shifted(start, (1, number)), vectors.scalar)))
+                    for start in (keep, later)
+                )
+                held = vectors.load(place)
+                store(vectors.multiply_add(builder.fmul(added, moved), kept, held), place)
+                return [builder.fsub(left[0], held)]
+
+            left = vectors.multiply_add(new, relaxed_now, moved)
+            store(vectors.loop(I64(0), mechanisms, 1, [left], relax)[1][0], builder.add(out, at))
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(int64s(3), types.int64, types.int64, int64s(3), types.int64, back, total), codegen
+
+
+@intrinsic
 def copy_run(typingctx, to, source, count, like):
     """``to = source`` for `count` neighbouring values of the type of `like`, by byte addresses."""
 
