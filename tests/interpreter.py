@@ -361,10 +361,12 @@ class Interpreter:
         """Filter what the forces have done, in the recursive form."""
         stage, nodes = self.stage, self.engine.all_components(self.nodes)
         relaxations, src = self.tables.relaxations, stage.src[nodes]
-        keep, now, later = (factors[:, None] for factors in relaxations[:3])
+        spectra = np.tile(relaxations.numbers[self.nodes], self.components)
+        keep, now, later = (factors[spectra].T for factors in relaxations[:3])
         force = stage.out[nodes] - (src - stage.b * (src - stage.base[nodes]))
         relaxed = relaxations.memory[:, nodes] + now * force
-        stage.out[nodes] -= relaxed.sum(0)
+        weaker = relaxations.total[spectra] - now.sum(0)  # of the unrelaxed forces
+        stage.out[nodes] -= relaxed.sum(0) + weaker * force
         relaxations.memory[:, nodes] = keep * relaxed + (later - keep * now) * force
 
     def _take_increments(self) -> None:

@@ -345,6 +345,16 @@ SLOW = {
         ),
         ALONG_X + ALONG_Y,
     ),
+    "attenuation by region": (
+        plane(
+            fh.Wave(
+                KERNEL,
+                attenuation=fh.Attenuation(40.0, (0.05, 0.5), regions=[fh.LossyRegion(fh.Disc(2.0, (0.4, 0.7)), 8.0)]),
+            ),
+            sides={"x": FOUR, "y-": FOUR, "y+": fh.Free()},
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "states with drag": (
         plane(fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1), **(WIDE | {"shape": (119, 81)})),
         ALONG_X + ALONG_Y,

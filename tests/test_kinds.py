@@ -75,7 +75,14 @@ SETUP = {
 }
 # Valid arguments of every public callable.
 RIGHT = {
-    "Attenuation": {"quality": 50.0, "band": (0.1, 1.0), "exponent": 0.0, "reference": None, "mechanisms": None},
+    "Attenuation": {
+        "quality": 50.0,
+        "band": (0.1, 1.0),
+        "exponent": 0.0,
+        "reference": None,
+        "mechanisms": None,
+        "regions": (),
+    },
     "Auto": {"target": None, "until": None},
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
@@ -173,6 +180,7 @@ RIGHT = {
     },
     "Lattice": {"spacing": 0.5, "lower": (0.0, 0.0), "upper": (1.0, 1.0), "window": None, "body": None},
     "LatticePML": {"target": None, "nodes": None, "profile": None, "until": None, "angle": None, "wavelengths": None},
+    "LossyRegion": {"region": fh.Disc(1.0), "quality": 20.0},
     "LineSource": {"points": [(0.0,), (1.0,)], "strength": 1.0, "time": None, "interpolation": "sinc"},
     "Mesh": {"triangles": (TETRAHEDRON, [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]), "scale": 1.0, "centre": None},
     "MomentTensor": {

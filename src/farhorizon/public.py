@@ -87,6 +87,7 @@ from farhorizon.inverse.misfits import Misfit as Misfit
 from farhorizon.inverse.misfits import OwnMisfit as OwnMisfit
 from farhorizon.inverse.misfits import TravelTime as TravelTime
 from farhorizon.medium.attenuation import Attenuation as Attenuation
+from farhorizon.medium.attenuation import LossyRegion as LossyRegion
 from farhorizon.medium.bond_laws import BilinearSoftening as BilinearSoftening
 from farhorizon.medium.bond_laws import BondLaw as BondLaw
 from farhorizon.medium.bond_laws import ExponentialSoftening as ExponentialSoftening

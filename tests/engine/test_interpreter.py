@@ -39,9 +39,9 @@ def drawn_back(dim):
     return fh.Wave(fh.Stencil.from_kernel(fh.Kernel(2.0), 1.0, dim).with_reaction(0.2))
 
 
-def lossy(horizon=2.0, **more):
+def lossy(horizon=2.0, regions=(), **more):
     """Waves with a low quality factor, so that relaxation shows."""
-    return fh.Wave(fh.Kernel(horizon), attenuation=fh.Attenuation(5.0, (0.02, 0.2)), **more)
+    return fh.Wave(fh.Kernel(horizon), attenuation=fh.Attenuation(5.0, (0.02, 0.2), regions=regions), **more)
 
 
 def half(shape):
@@ -85,6 +85,11 @@ CASES = {
     ),
     "2D, attenuation, damping, density": lambda: waves(
         (17, 18), {"x": fh.Periodic(), "y": SLOW}, lossy(damping=0.1, density=1 + half((17, 18)))
+    ),
+    "2D, attenuation by region": lambda: waves(
+        (17, 18),
+        {"x-": fh.Free(), "x+": SLOW, "y": SLOW},
+        lossy(regions=[fh.LossyRegion(fh.Disc(3.0, (8.0, 9.0)), 20.0)]),
     ),
     "3D, attenuation": lambda: waves((7, 8, 9), SLOW, lossy(1.5)),
     "solid of states with attenuation": lambda: fh.Simulation(

@@ -108,6 +108,7 @@ def good():
             "medium": fh.Medium(order=2, coefficient=1.0, dt=0.01),
         },
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
+        "LossyRegion": {"region": disc, "quality": 20.0},
         "LatticePML": {},
         "LeastSquares": {"receivers": fh.Receivers([(0.0, 0.0)]), "data": np.zeros((3, 1))},
         "Envelope": {"receivers": fh.Receivers([(0.0, 0.0)]), "data": np.zeros((3, 1))},

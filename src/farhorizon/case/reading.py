@@ -57,6 +57,8 @@ class Reader(NamedTuple):
         """The value of a key."""
         if isinstance(value, Part):
             return self.made(value, key)
+        if isinstance(value, list) and any(isinstance(entry, Part) for entry in value):
+            return [self.made(entry, f"{key}[{i}]") for i, entry in enumerate(value)]
         if function is None or value is None:
             return value
         if not function.place:

@@ -473,7 +473,9 @@ class Tables:
             return dict[str, self._takes(*declared(inner[1]), MISSING)]  # type: ignore[misc]
         if hint is Shape:
             return self.region
-        if isinstance(hint, type) and issubclass(hint, Shape | fh.Kernel | fh.Attenuation | fh.Rectangle | fh.DiscCut):
+        if isinstance(hint, type) and issubclass(
+            hint, Shape | fh.Kernel | fh.Attenuation | fh.LossyRegion | fh.Rectangle | fh.DiscCut
+        ):
             return self.of(hint)
         if hint is fh.BondLaw:
             return _one_of([self.of(maker, True) for maker in self.known.laws])

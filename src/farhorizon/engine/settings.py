@@ -163,22 +163,40 @@ def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) ->
     engine.replace(drag=drag)
 
 
-def set_relaxations(engine: Engine, times: np.ndarray, shares: np.ndarray) -> None:
-    """Have the forces of the medium relax by mechanisms, given by their relaxation times and their shares of the
-    modulus, for equations of second order. The older level must outlive a step, and the engine must have been created
-    for as many mechanisms.
+def set_relaxations(
+    engine: Engine, spectra: Sequence[tuple[np.ndarray, np.ndarray, float]], numbers: np.ndarray
+) -> None:
+    """Have the forces of the medium relax, for equations of second order. Spectra consist of the relaxation times of
+    mechanisms, their shares of the modulus, and the factor of the unrelaxed forces; `numbers` says which the nodes of
+    the core have, which continue beyond it as at its edge. The older level must outlive a step, and the engine must
+    have been created for as many mechanisms as the longest spectrum has.
     """
-    keep, now, later = (values.astype(engine.dtype) for values in relaxation_factors(times, shares, engine.dt))
-    memory = engine.levels[engine.stages.levels :]
-    engine.replace(relaxations=Relaxations(keep, now, later, now.sum(), memory, *engine.layout.away))
+    memory, box = engine.levels[engine.stages.levels :], engine.layout.box
+    keep, now, later = np.zeros((3, len(spectra), len(memory)), engine.dtype)
+    total = np.zeros(len(spectra), engine.dtype)
+    for number, (times, shares, strength) in enumerate(spectra):
+        kept, at_once, added = relaxation_factors(times, shares, engine.dt)
+        keep[number, : len(times)] = kept
+        now[number, : len(times)], later[number, : len(times)] = strength * at_once, strength * added
+        total[number] = (1 - strength) + strength * at_once.sum()
+    places = engine.spread(numbers).astype(np.int64)
+    rows = places[box.node_indices()].reshape(-1, box.nodes[2])
+    row, first = np.nonzero(np.diff(rows, axis=1, prepend=-1))
+    end = np.append(first[1:], 0)
+    end[end == 0] = box.nodes[2]
+    segments = np.stack([first, end, rows[row, first]], axis=1)
+    ranges = np.append(0, np.cumsum(np.bincount(row)))
+    relaxations = Relaxations(keep, now, later, total, memory, places, ranges, segments, *engine.layout.away)
+    engine.replace(relaxations=relaxations)
 
 
 def begin_relaxations(engine: Engine) -> None:
     """Let nothing have relaxed yet of the forces in the present state."""
-    now = engine.tables.relaxations.now
-    if now.size:
+    relaxations = engine.tables.relaxations
+    if relaxations.now.size:
         force = engine.tables.numbers[-1, 3] * engine.apply(engine.current)
-        engine.tables.relaxations.memory[:] = -np.multiply.outer(now, force)
+        for mechanism, memory in enumerate(relaxations.memory):
+            memory[:] = -_at_places(engine, relaxations.now[:, mechanism]) * force
 
 
 def relaxed(engine: Engine, forces: np.ndarray) -> np.ndarray:
@@ -186,8 +204,13 @@ def relaxed(engine: Engine, forces: np.ndarray) -> np.ndarray:
     relaxations = engine.tables.relaxations
     if not relaxations.now.size:
         return forces
-    lost = relaxations.memory.sum(0) / engine.tables.numbers[-1, 3] + relaxations.now.sum() * forces
+    lost = relaxations.memory.sum(0) / engine.tables.numbers[-1, 3] + _at_places(engine, relaxations.total) * forces
     return np.asarray(forces - lost)
+
+
+def _at_places(engine: Engine, of_spectra: np.ndarray) -> np.ndarray:
+    """Values of the spectra of all places, as a level."""
+    return np.tile(of_spectra[engine.tables.relaxations.numbers], engine.components)
 
 
 def set_phases(

@@ -206,7 +206,7 @@ def digest(engine: Engine) -> str:
         *tables.stretches._replace(memory=none, room=none),
         *tables.drag._replace(lost=none, room=none, moved=none, beyond=none),
         tables.mobility,
-        *tables.relaxations[:3],
+        *tables.relaxations._replace(memory=none),
         *tables.gradient_pass.surface[:-1],
         *tables.divergence_pass.surface[:-1],
         *tables.divergence_pass.cuts,

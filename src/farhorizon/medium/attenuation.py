@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, NamedTuple
 
@@ -13,6 +14,8 @@ from farhorizon import kinds
 from farhorizon.arguments import Frequency, Unit
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
+from farhorizon.geometry.lattice import Lattice, nodes_in
+from farhorizon.geometry.shapes import Shape
 
 _LEAST = 5.0  # a wave that keeps less than exp(-2 pi / 5), 28 %, of its energy per cycle is hardly one
 _ALLOWED = 0.02  # largest relative error of Q in the band
@@ -30,8 +33,38 @@ class Relaxation(NamedTuple):
 
 
 @dataclass(frozen=True)
+class LossyRegion(Storable):
+    """A region of another quality factor in a medium with attenuation.
+
+    Parameters
+    ----------
+    region : Shape
+    quality : float
+        The quality factor Q there at the reference frequency, 5 or more.
+
+    Raises
+    ------
+    InputError
+        A region that is no shape, a quality below 5.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> basin = fh.LossyRegion(fh.Disc(20.0, (0.0, 0.0)), quality=15)
+    >>> rock = fh.Attenuation(quality=80, band=(0.1, 1.0), regions=[basin])
+    """
+
+    region: Shape
+    quality: float
+
+    def __post_init__(self) -> None:
+        kinds.instance(self.region, "region.region", Shape, "a shape", remedy="Disc(2.0)")
+        kinds.set_fields(self, quality=_quality(self.quality, "region.quality"))
+
+
+@dataclass(frozen=True)
 class Attenuation(Storable):
-    r"""A quality factor Q over a band of frequencies, the same in the whole medium.
+    r"""A quality factor Q over a band of frequencies, in the whole medium or by region.
 
     The modulus relaxes, :math:`M(f) = M_\infty\,(1 - \sum_l a_l / (1 + 2\pi i f \tau_l))`, where the times span the
     band evenly on a logarithmic scale and the shares :math:`a_l \ge 0` are those with the least largest error of
@@ -51,6 +84,8 @@ class Attenuation(Storable):
     mechanisms : int, optional
         Number of mechanisms, each of which needs memory and time; by default as many as keep Q within 2 % of what is
         asked for in the band.
+    regions : sequence of LossyRegion
+        Where Q differs; later ones take precedence. They continue into layers as at the edge of the near field.
 
     Raises
     ------
@@ -76,14 +111,10 @@ class Attenuation(Storable):
     exponent: float = 0.0
     reference: Frequency | None = None
     mechanisms: int | None = None
+    regions: Sequence[LossyRegion] = ()
 
     def __post_init__(self) -> None:
-        quality = kinds.number(
-            self.quality,
-            "model.attenuation.quality",
-            least=_LEAST,
-            beyond="a damping, or a boundary that absorbs, if waves are to vanish",
-        )
+        quality = _quality(self.quality, "model.attenuation.quality")
         band = tuple(kinds.array(self.band, "model.attenuation.band", shape=(2,)).tolist())
         if not 0 < band[0] < band[1]:
             raise InputError(
@@ -98,9 +129,12 @@ class Attenuation(Storable):
             reference = kinds.number(reference, "model.attenuation.reference", above=0)
         if mechanisms is not None:
             mechanisms = kinds.integer(mechanisms, "model.attenuation.mechanisms", least=1, most=_MOST)
-        kinds.set_fields(
-            self, quality=quality, band=band, exponent=exponent, reference=reference, mechanisms=mechanisms
-        )
+        regions = tuple(kinds.sequence(self.regions, "model.attenuation.regions", "regions"))
+        for number, region in enumerate(regions):
+            remedy = "LossyRegion(Disc(2.0), quality=20)"
+            kinds.instance(region, f"model.attenuation.regions[{number}]", LossyRegion, "a LossyRegion", remedy=remedy)
+        given = {"quality": quality, "band": band, "exponent": exponent, "reference": reference}
+        kinds.set_fields(self, **given, mechanisms=mechanisms, regions=regions)
         least = float(self._asked(np.array(band)).min())
         if least < _LEAST:
             raise InputError(
@@ -110,7 +144,7 @@ class Attenuation(Storable):
                 key="model.attenuation.exponent",
                 remedy="a narrower band, a higher quality, or an exponent closer to 0",
             )
-        _ = self.relaxation  # refuses what cannot be fitted
+        _ = self.relaxation, self.spectra  # refuse what cannot be fitted
 
     @property
     def reference_frequency(self) -> float:
@@ -140,6 +174,35 @@ class Attenuation(Storable):
         """Squared speed of waves of infinite frequency over that of waves of the reference frequency."""
         relaxed = _relaxed(self.relaxation, np.array(self.reference_frequency))
         return float((relaxed**-0.5).real ** 2)
+
+    @cached_property
+    def spectra(self) -> tuple[Attenuation, ...]:
+        """The attenuation elsewhere and in each of the regions."""
+        found = [replace(self, regions=())] if self.regions else [self]
+        for number, region in enumerate(self.regions):
+            try:
+                found.append(replace(self, quality=region.quality, regions=()))
+            except InputError as error:
+                raise error.at(f"model.attenuation.regions[{number}].quality") from None
+        return tuple(found)
+
+    @property
+    def strongest(self) -> Attenuation:
+        """That of the region with the largest `unrelaxed`, by which the operator is scaled."""
+        return max(self.spectra, key=lambda spectrum: spectrum.unrelaxed)
+
+    @property
+    def memories(self) -> int:
+        """Number of mechanisms of the region that has most of them."""
+        return max(len(spectrum.relaxation.times) for spectrum in self.spectra)
+
+    def numbers(self, lattice: Lattice) -> np.ndarray:
+        """Number in `spectra` of each node of a lattice; raises InputError for regions of another dimension."""
+        numbers = np.zeros(lattice.shape, np.int64)
+        for number, region in enumerate(self.regions):
+            key = f"model.attenuation.regions[{number}].region"
+            numbers[nodes_in(region.region, lattice, key)] = number + 1
+        return numbers
 
     def modulus(self, frequency: Any) -> np.ndarray:
         """Complex modulus at frequencies (1/time), in units of density times the squared speed of the model; waves
@@ -180,6 +243,12 @@ class Attenuation(Storable):
                 fits.append((fitted, float(np.abs(relaxed.imag * asked / relaxed.real - 1).max())))
             weights *= np.abs(lost @ shares - 1)
         return min(fits, key=lambda fit: fit[1])
+
+
+def _quality(value: Any, key: str) -> float:
+    """A quality factor of a wave; InputError for anything else."""
+    remedy = "a damping, or a boundary that absorbs, if waves are to vanish"
+    return kinds.number(value, key, least=_LEAST, beyond=remedy)
 
 
 def _relaxed(relaxation: Relaxation, frequency: np.ndarray) -> np.ndarray:

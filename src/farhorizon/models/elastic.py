@@ -504,7 +504,7 @@ class Elastic(LatticeModel):
             return
         self.young, self.poisson, self.bulk, self.shear, self.lame = _moduli(self, given)
         self.source_factor = 1 / self.density
-        stiffer = 1.0 if self.attenuation is None else self.attenuation.unrelaxed
+        stiffer = 1.0 if self.attenuation is None else self.attenuation.strongest.unrelaxed
         self.coefficient = stiffer * self.p_modulus / self.density
 
     @property

@@ -468,6 +468,19 @@ class LatticeModel:
         model._stronger = factor * self._stronger
         return model
 
+    @property
+    def by_region(self) -> bool:
+        """Whether its attenuation differs from region to region."""
+        return self.attenuation is not None and len(self.attenuation.regions) > 0
+
+    def with_one_attenuation(self) -> Self:
+        """The same model with the attenuation of its stiffest region everywhere."""
+        if self.attenuation is None:
+            return self
+        model = copy.copy(self)
+        model.attenuation = self.attenuation.strongest
+        return model
+
     def medium(self, spacing: float, dim: int) -> Stencil:
         """Dimensionless stencil on a lattice, including the reaction of the model.
 

@@ -76,8 +76,8 @@ class Wave(LatticeModel):
         self._set(speed=material_constant(speed, "model.speed"), density=material_constant(density, "model.density"))
 
     def medium_of(self, constants: Mapping[str, Any]) -> tuple[Any, Any]:
-        squared = constants["speed"] ** 2
-        return squared if self.attenuation is None else self.attenuation.unrelaxed * squared, constants["density"]
+        stiffer = 1.0 if self.attenuation is None else self.attenuation.strongest.unrelaxed
+        return stiffer * constants["speed"] ** 2, constants["density"]
 
     @property
     def speeds(self) -> dict[str, float]:

@@ -362,6 +362,8 @@ def _margins(
     medium = [start.solid, *near.variation.of_waves]
     if setup.lattice.existing is not None:
         medium.append(setup.lattice.existing)
+    if setup.model.attenuation is not None:
+        medium.append(setup.model.attenuation.numbers(setup.lattice))
     return choose_margins(near, layered, (start.u, start.v), medium, _cuts(setup), states, team)
 
 

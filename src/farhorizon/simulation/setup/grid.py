@@ -191,9 +191,9 @@ def make_grid(
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     if isinstance(model.integrator, ModifiedEquation) and layers:
         _check_modified_equation(near, list(layers.values()))
-    relaxation = None if model.attenuation is None else model.attenuation.relaxation
+    attenuation = model.attenuation
     # otherwise the base of a stage is read after the forces
-    light = near.density is None and not model.drag and relaxation is None
+    light = near.density is None and not model.drag and attenuation is None
     alone = lattice.dim == 1 and light
     stages = model.integrator.stages(near.dt, model.damping, alone, setup.lasting or not light)
     grown = None
@@ -219,10 +219,12 @@ def make_grid(
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, layered, margins)),
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
         dragged=model.drag > 0,
-        mechanisms=0 if relaxation is None else len(relaxation.times),
+        mechanisms=0 if attenuation is None else attenuation.memories,
     )
-    if relaxation is not None:
-        set_relaxations(engine, *relaxation)
+    if attenuation is not None:
+        strongest = attenuation.strongest.unrelaxed
+        spectra = [(*one.relaxation, one.unrelaxed / strongest) for one in attenuation.spectra]
+        set_relaxations(engine, spectra, _over_core(attenuation.numbers(lattice), margins))
     if exchange is not None:
         link, neighbours = exchange
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})

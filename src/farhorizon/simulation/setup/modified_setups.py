@@ -43,7 +43,7 @@ def remade_setup(setup: Setup, resolved: Setup, parts: RunParts, changes: Mappin
         return replace(resolved, **{"initial": initial, **changes})
     nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
     changes = {**nothing, "initial": {}, "coefficient": None, "rim": "free", "balance": False, **changes}
-    changes.setdefault("model", near.model)
+    changes["model"] = changes.get("model", near.model).with_one_attenuation()
     if near.squared_speed is not None and near.strongest > 0:
         changes["model"] = changes["model"].scaled(near.strongest)
     return replace(resolved, **changes)
@@ -52,10 +52,11 @@ def remade_setup(setup: Setup, resolved: Setup, parts: RunParts, changes: Mappin
 def shortened_setup(setup: Setup, resolved: Setup, parts: RunParts) -> Setup | None:
     """Return a set-up at rest in which stretches of equal planes of a medium that varies are shortened to what a node
     interacts with, so that every pair of adjoining media remains; None where this saves less than half of the nodes, or
-    where there are bodies, cracks or conditions.
+    where there are bodies, cracks, conditions or regions of another quality.
     """
     near = parts.near
     special = setup.cracks or setup.constraints or setup.specimens or near.lattice.mask is not None
+    special = special or setup.model.by_region
     properties = [*near.variation.of_waves, *(() if near.coefficient is None else [near.coefficient])]
     if special or not properties:
         return None

@@ -152,7 +152,7 @@ class NearField:
     @property
     def varies(self) -> bool:
         """Whether the medium varies."""
-        if self.density is not None or self.variation.moduli is not None:
+        if self.density is not None or self.variation.moduli is not None or self.model.by_region:
             return True
         return self.factor is not None and bool(np.ptp(self.factor) > 0)
 
