@@ -61,6 +61,7 @@ class Interpreter:
             op.ENDS: self._exact_ends,
             op.ADD_SOURCES: self._add_sources,
             op.RELAX: self._relax,
+            op.DISSIPATE: self._dissipate,
             op.INERTIA: self._weigh_down,
             op.KEEP_INCREMENTS: self._take_increments,
             op.DRAG: self._drag,
@@ -368,6 +369,20 @@ class Interpreter:
         weaker = relaxations.total[spectra] - now.sum(0)  # of the unrelaxed forces
         stage.out[nodes] -= relaxed.sum(0) + weaker * force
         relaxations.memory[:, nodes] = keep * relaxed + (later - keep * now) * force
+
+    def _dissipate(self) -> None:
+        """Move the dashpots, which follow from the history of the displacement, and accumulate their power."""
+        stage, nodes, dissipation = self.stage, self.engine.all_components(self.nodes), self.tables.dissipation
+        share, rate, keep, before, now = (factors[:, None] for factors in dissipation[:5])
+        src, kept = stage.src[nodes], self.tables.relaxations.memory[:, nodes]
+        left = stage.out[nodes] - (src - stage.b * (src - stage.base[nodes]))
+        force = (left + (kept / keep).sum(0)) / (1 + (share * before / keep).sum())
+        dashpots = dissipation.slid[:, nodes] + now * src
+        power = -rate * (src - dashpots) * (share * force - (kept - share * before * force) / keep)
+        inside = tuple(slice(a, b) for a, b in zip(dissipation.first, dissipation.end, strict=True))
+        shown = power.sum(0).reshape(self.components, *self.box.nodes)[(slice(None), *inside)]
+        dissipation.lost[inside[:2]] += shown.sum((0, 3))
+        dissipation.slid[:, nodes] = keep * dashpots + before * src
 
     def _take_increments(self) -> None:
         self.tables.drag.moved[:] = self.stage.src - self.stage.base

@@ -164,6 +164,8 @@ class Engine:
         Whether drag towards the mean velocity of the neighbours is going to be set (`settings.set_drag`).
     mechanisms : int
         Number of those that are going to be set by `settings.set_relaxations`; their memory are further levels.
+    dashpots : bool
+        Whether the dashpots of these mechanisms are going to be followed (`settings.set_dissipation`), on as many more.
     """
 
     tables: Tables  # of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them
@@ -201,6 +203,7 @@ class Engine:
         heat: np.ndarray | None = None,
         dragged: bool = False,
         mechanisms: int = 0,
+        dashpots: bool = False,
     ) -> None:
         self.dtype = np.dtype(real)
         self.stages, self.dt, self.reaction = stages, dt, reaction
@@ -236,7 +239,9 @@ class Engine:
         self.all_layers = [tables for tables in self.layers_of_passes if tables is not None]
         self.dampers = DamperTables(self.layout, self.layers, dt)
         self.memory = self._allocate_memory()
-        self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels + mechanisms)
+        self.levels = aligned_zeros(
+            self.components * self.layout.size, self.dtype, stages.levels + mechanisms * (1 + dashpots)
+        )
         memory = self.memory.size // 4 if self.remember else 0
         numbers = self.components * int(np.prod(core)) + memory
         self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1
@@ -340,6 +345,11 @@ class Engine:
     def dragged(self) -> float:
         """Energy that drag has dissipated, per unit mass of a node."""
         return float(self.tables.drag.lost.sum()) / self.dt**2
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that relaxation has dissipated, per unit mass of a node."""
+        return float(self.tables.dissipation.lost.sum()) / self.dt**2
 
     @property
     def dissolved(self) -> np.ndarray:

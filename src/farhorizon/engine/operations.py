@@ -18,6 +18,7 @@ from farhorizon.engine.codegen.exchanges import USED
 from farhorizon.engine.damage import FORCES, STATES, STATES_AGAIN
 from farhorizon.engine.dampers import Dampers
 from farhorizon.engine.derivative_pml import DerivativePML
+from farhorizon.engine.dissipation import Dissipation
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import ExactEndTables
 from farhorizon.engine.exchange import LEVEL, SLOTS
@@ -82,6 +83,7 @@ KEEP_INCREMENTS = 34  # increments of the last step are stored for drag
 PUSH = 35  # rigid shapes push nodes, and move
 WORK_OF_PUSHES = 36  # the work of these pushes is accumulated
 RELAX = 37  # forces of the medium relax
+DISSIPATE = 38  # dashpots move, and what that takes is accumulated
 
 # Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
 # through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
@@ -139,6 +141,7 @@ class Tables(NamedTuple):
     heat: ThermalStrains = empty(ThermalStrains)
     impactors: Impactors = empty(Impactors)
     relaxations: Relaxations = empty(Relaxations)
+    dissipation: Dissipation = empty(Dissipation)
 
 
 class Asked(NamedTuple):
@@ -182,7 +185,7 @@ def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
     return (
         _present((DAMP_OLD, damped))
         + operator_operations(tables, dissolving=stage == 0)
-        + _present((RELAX, tables.relaxations.keep.size))
+        + _present((RELAX, tables.relaxations.keep.size), (DISSIPATE, tables.dissipation.share.size))
         + _present((ENDS, len(tables.ends.nodes)), (ADD_SOURCES, asked.has_sources), (INERTIA, tables.mobility.size))
         + _present((PUSH, asked.pushed))
         + _drag_operations(tables)

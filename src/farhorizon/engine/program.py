@@ -25,6 +25,7 @@ from farhorizon.engine.codegen.vector_operations import copy_run
 from farhorizon.engine.damage import break_bonds, redo_damaged
 from farhorizon.engine.dampers import advance_dampers
 from farhorizon.engine.derivative_pml import stretch_forces, stretch_states
+from farhorizon.engine.dissipation import move_dashpots
 from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
@@ -41,6 +42,7 @@ from farhorizon.engine.operations import (
     DAMP_OLD,
     DAMPERS,
     DEPEND,
+    DISSIPATE,
     DISSOLVE,
     DISSOLVE_HALO,
     DRAG,
@@ -227,6 +229,12 @@ def relax_all_forces(thread, stage, sums, tables, inputs, step, number):
     for row in range(chunk[0], chunk[1]):
         relax_rows(stage, sums, tables, row // rows, row % rows, row % rows + 1, False)
     barrier(thread)
+
+
+@operation(DISSIPATE)
+def dissipate(thread, stage, sums, tables, inputs, step, number):
+    """Move the dashpots of the mechanisms."""
+    move_dashpots(thread, stage, sums.sweep.block, tables.relaxations, tables.dissipation)
 
 
 @operation(ADD_SOURCES)

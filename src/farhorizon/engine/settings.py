@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon.engine.bonds import RULES, all_bits
 from farhorizon.engine.codegen.build import load_program
 from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS
+from farhorizon.engine.dissipation import Dissipation
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
@@ -171,7 +172,8 @@ def set_relaxations(
     the core have, which continue beyond it as at its edge. The older level must outlive a step, and the engine must
     have been created for as many mechanisms as the longest spectrum has.
     """
-    memory, box = engine.levels[engine.stages.levels :], engine.layout.box
+    most, box = max(len(times) for times, _, _ in spectra), engine.layout.box
+    memory = engine.levels[engine.stages.levels :][:most]
     keep, now, later = np.zeros((3, len(spectra), len(memory)), engine.dtype)
     total = np.zeros(len(spectra), engine.dtype)
     for number, (times, shares, strength) in enumerate(spectra):
@@ -190,6 +192,26 @@ def set_relaxations(
     engine.replace(relaxations=relaxations)
 
 
+def set_dissipation(engine: Engine, times: np.ndarray, shares: np.ndarray, first: np.ndarray, end: np.ndarray) -> None:
+    """Have the dashpots of the mechanisms of `set_relaxations`, which are the same at all nodes, followed; the energy
+    that they take from the nodes of the core from `first` to `end` is accumulated.
+    """
+    low, nodes = np.array(engine.layout.low), engine.layout.box.nodes
+    keep, now, later = relaxation_factors(times, np.ones_like(shares), engine.dt)
+    dissipation = Dissipation(
+        share=shares.astype(engine.dtype),
+        rate=(engine.dt / times).astype(engine.dtype),
+        keep=keep.astype(engine.dtype),
+        before=(later - keep * now).astype(engine.dtype),
+        now=now.astype(engine.dtype),
+        slid=engine.levels[engine.stages.levels + len(times) :],
+        first=first.astype(np.int64) + low,
+        end=end.astype(np.int64) + low,
+        lost=np.zeros(nodes[:2]),
+    )
+    engine.replace(dissipation=dissipation)
+
+
 def begin_relaxations(engine: Engine) -> None:
     """Let nothing have relaxed yet of the forces in the present state."""
     relaxations = engine.tables.relaxations
@@ -197,6 +219,8 @@ def begin_relaxations(engine: Engine) -> None:
         force = engine.tables.numbers[-1, 3] * engine.apply(engine.current)
         for mechanism, memory in enumerate(relaxations.memory):
             memory[:] = -_at_places(engine, relaxations.now[:, mechanism]) * force
+    dissipation = engine.tables.dissipation
+    dissipation.slid[...] = -np.multiply.outer(dissipation.now, engine.current)
 
 
 def relaxed(engine: Engine, forces: np.ndarray) -> np.ndarray:

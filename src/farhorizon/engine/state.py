@@ -231,6 +231,7 @@ def as_before(engine: Engine) -> Iterator[None]:
         *(ends.states, ends.forces, ends.clock),
         tables.flows.totals,
         tables.drag.lost,
+        tables.dissipation.lost,
         tables.outline_stencil.history,
         tables.material.coefficient,
         *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
@@ -306,6 +307,7 @@ def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
         "broken": np.moveaxis(tables.bonds.broken, -1, 0),
         "work": tables.work[None],
         "drag": tables.drag.lost[None],
+        "relaxation": tables.dissipation.lost[None],
         "flows": tables.flows.totals.T,
     }
     return {name: sums for name, sums in accumulated.items() if sums.size}

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds, OutlineCondition, Side
-from farhorizon.engine.settings import set_drag
+from farhorizon.engine.settings import set_dissipation, set_drag
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
@@ -380,13 +380,18 @@ def _phases(
 
 
 def _set_engine(setup: Setup, grid: Grid, margins: Mapping[Key, int]) -> None:
-    """Have the engine record work if it is needed, and compute the drag of the model."""
+    """Have the engine record work and what relaxation dissipates if they are needed, and compute the drag of the
+    model.
+    """
+    lattice, model = setup.lattice, setup.model
+    corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
+    end = corner + np.array((1,) * grid.lead + lattice.shape)
     if setup.lasting:
         grid.engine.record_work()
-    if setup.model.drag:
-        lattice = setup.lattice
-        corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
-        set_drag(grid.engine, setup.model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
+    if model.drag:
+        set_drag(grid.engine, model.drag, corner, end)
+    if model.attenuation is not None and setup.balance:
+        set_dissipation(grid.engine, *model.attenuation.relaxation, corner, end)
 
 
 def _cut(setup: Setup, cuts: CutBonds, breaking: BreakableBonds | None, notes: list[str]) -> None:

@@ -74,13 +74,16 @@ def check_model(setup: Setup, sides: Sides) -> None:
 
 def _check_attenuation(setup: Setup, sides: Sides) -> None:
     """Refuse sides and incident waves that are made for a medium without losses, bonds with a law of their own,
-    energies, and single precision, in which forces are differences of values that have lost their digits.
+    energies of regions and reactions, and single precision, in which forces are differences of values that have lost
+    their digits.
     """
     sources = zip(keys("source", setup.sources), setup.sources, strict=True)
     law = "bonds that neither break nor have a law of their own, without corrected surfaces and thermal loads"
+    reaction = bool(np.any(setup.model.medium(setup.lattice.spacing, setup.lattice.dim).reaction))
     refused: list[tuple[bool, str, object, str]] = [
         (setup.model.bond_law is not None, "model", setup.model.title, law),
-        (setup.balance, "balance", True, "leave it out"),
+        (setup.balance and setup.model.by_region, "balance", True, "leave it out, or one quality everywhere"),
+        (setup.balance and reaction, "balance", True, "leave it out, or the reaction"),
         (setup.dtype != "float64", "run.dtype", setup.dtype, 'dtype = "float64"'),
         *((isinstance(one, Incident), key, type(one).__name__, "a source, or initial data") for key, one in sources),
     ]

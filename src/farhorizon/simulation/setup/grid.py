@@ -220,6 +220,7 @@ def make_grid(
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
         dragged=model.drag > 0,
         mechanisms=0 if attenuation is None else attenuation.memories,
+        dashpots=setup.balance,
     )
     if attenuation is not None:
         strongest = attenuation.strongest.unrelaxed

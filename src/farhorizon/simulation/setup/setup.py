@@ -279,7 +279,7 @@ constraints, balance, specimens, loads
         by the work of sources and by load steps.
         """
         kept = self.model.bond_law is not None or self.model.drag > 0 or self.load_steps is not None
-        return kept or (self.model.mechanical and self.balance)
+        return kept or (self.balance and (self.model.mechanical or self.model.attenuation is not None))
 
     @property
     def depends_on_field(self) -> bool:

@@ -164,7 +164,7 @@ def memory_needed(setup: Setup, stencil: Stencil, layered: LayeredSides) -> floa
     memory += 3 * sum(columns * np.prod(nodes) / nodes[axis] for (axis, _), columns in tuned.items())
     levels = setup.model.integrator.stages(1.0, 0.0, lattice.dim == 1).levels + setup.lasting
     if (attenuation := setup.model.attenuation) is not None:
-        levels += 1 + attenuation.memories
+        levels += 1 + attenuation.memories * (1 + setup.balance)
     bits = 8 * -(-len(stencil.weights) // 64) * (setup.model.bond_law is not None)
     fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(lattice.shape)
     return float(stencil.components * fields + (8 * lattice.dim + bits) * np.prod(lattice.shape))

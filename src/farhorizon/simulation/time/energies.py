@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from farhorizon.engine.dissipation import displacements
 from farhorizon.engine.engine import Engine
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.grid import Grid
@@ -41,7 +42,8 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = near.mass
-    if near.model.attenuation is not None:  # what the mechanisms hold would follow from displacements of their own
+    lossy = near.model.attenuation is not None
+    if lossy and not engine.tables.dissipation.share.size:  # what the mechanisms hold follows from their dashpots
         return {"kinetic": kinetic_energy(near, grid)}
     further = {"drag": mass * engine.dragged} if near.model.drag else {}
     if np.any(engine.reaction):
@@ -64,7 +66,23 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
     if parts.ends is not None:
         parts.ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
-    strain = _shown(near, grid, _strain(near, parts.layered.sides, grid, u, old, rim_held))
+    stretched = [(1.0, u, old)]
+    if lossy:  # the relaxed springs, and those that dashpots follow
+        held = displacements(engine)
+        stretched = [(1 - sum(share for share, _, _ in held), u, old)]
+        for share, slid, slid_before in held:
+            now, ago = u - slid, old - slid_before
+            engine.complete(now)
+            engine.complete(ago)
+            stretched.append((share, now, ago))
+        further["dissipated"] = mass * engine.dissipated
+    strain = np.sum(
+        [
+            share * _shown(near, grid, _strain(near, parts.layered.sides, grid, now, ago, rim_held))
+            for share, now, ago in stretched
+        ],
+        axis=0,
+    )
     if engine.tables.heat.thermal_strain.size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))

@@ -282,10 +282,9 @@ class TimeLoop:
         """Release nodes whose constraint ends at a step; the change of energy when they become free counts as work."""
         if not self.team.largest(float(len(self.parts.near.prescribed.released(step)))):
             return
-        recorded = self.setup.lasting and self.setup.model.mechanical
-        before = present(self.energies()) if recorded else 0.0
+        before = present(self.energies()) if self.setup.lasting else 0.0
         self._motion.release(step)
-        if recorded:
+        if self.setup.lasting:
             gained = present(self.energies()) - before  # total of all processes, counted by the first one
             self.parts.grid.engine.count_work(gained / self.parts.near.mass * (self.team.number == 0))
 
