@@ -118,6 +118,15 @@ def test_double_couple():
 
 
 @pytest.mark.slow
+def test_absorbing_gel():
+    """The quality between the hydrophones is that of the closed form."""
+    example = script("absorbing_gel")
+    _, line = example["gel"]()
+    measured = example["quality"](example["absorption"](line))
+    np.testing.assert_allclose(measured, example["GEL"].quality_at(example["FREQUENCIES"]), rtol=0.02)
+
+
+@pytest.mark.slow
 def test_side_drilled_hole():
     """The echo arrives with its ray, to within a quarter of a period; without the hole there is none: the surface
     waves along the row do not add up with these delays.

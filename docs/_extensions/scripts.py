@@ -101,6 +101,32 @@ def shot_record(names: Names) -> Figure:
     return figure
 
 
+def absorbing_gel(names: Names) -> Figure:
+    """The wave between the hydrophones, and the absorption beside the power law and the closed form."""
+    earlier, _ = names["gel"](until=20 * names["US"])
+    _, line = names["gel"]()
+    mm, megahertz, per_cm = names["MM"], names["MHZ"], names["DECIBELS"] / 100
+    x, y = (part / mm for part in earlier.lattice.coordinates())
+    figure = Figure(figsize=(10.0, 3.6), layout="constrained")
+    wave, curve = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    largest = np.abs(earlier.fields["u"]).max() / 2
+    wave.pcolormesh(x, y, earlier.fields["u"], cmap="RdBu_r", vmin=-largest, vmax=largest, shading="nearest")
+    wave.plot(names["HYDROPHONES"] / mm, [0, 0], "ko", ms=4)
+    wave.set(aspect="equal", xlabel="x in mm", ylabel="y in mm", title="pressure after 20 µs, and the hydrophones")
+    frequency = megahertz * np.geomspace(0.3, 3, 100)
+    medium = names["GEL"]
+    closed = np.pi * frequency / (medium.quality_at(frequency) * names["SPEED"] * medium.speed_at(frequency))
+    curve.loglog(frequency / megahertz, closed * per_cm, color="C0", label="closed form")
+    curve.loglog(frequency / megahertz, 3 * (frequency / megahertz) ** names["POWER"], "k:", label="power law")
+    measured = names["absorption"](line) * per_cm
+    curve.loglog(names["FREQUENCIES"] / megahertz, measured, "o", color="C3", label="measured")
+    curve.set(xlabel="frequency in MHz", ylabel="absorption in dB/cm")
+    curve.set_xticks([0.3, 1, 3], labels=["0.3", "1", "3"])
+    curve.set_xticks([], minor=True)
+    curve.legend(fontsize="small")
+    return figure
+
+
 def side_drilled_hole(names: Names) -> Figure:
     """The waves on their way to the hole, what each element received, and the A-scan."""
     sim, probe = names["block"]()

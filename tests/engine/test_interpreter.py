@@ -86,6 +86,7 @@ CASES = {
     "2D, attenuation, damping, density": lambda: waves(
         (17, 18), {"x": fh.Periodic(), "y": SLOW}, lossy(damping=0.1, density=1 + half((17, 18)))
     ),
+    "1D, attenuation, balance": lambda: waves((23,), model=lossy(), sources=source((23,)), balance=True),
     "2D, attenuation by region": lambda: waves(
         (17, 18),
         {"x-": fh.Free(), "x+": SLOW, "y": SLOW},

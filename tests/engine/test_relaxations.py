@@ -1,5 +1,7 @@
 """Forces that relax: stability, layers, and what continues a run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,8 @@ from farhorizon.errors import InputError
 
 LOW = fh.Attenuation(5.0, (0.02, 0.3))
 ROCK = fh.Wave(fh.Kernel(1.0), attenuation=LOW)
+TWO = replace(LOW, quality=30.0, regions=[fh.LossyRegion(fh.Box((0.0,), (99.0,)), 5.0)])
+FLAT = replace(LOW, regions=[fh.LossyRegion(fh.Disc(2.0), 5.0)])
 LINE = fh.Lattice(0.5, -10.0, 10.0)
 BELL = {"u": "exp(-x**2)"}
 
@@ -128,16 +132,32 @@ def test_two_threads_compute_what_one_does():
     np.testing.assert_array_equal(sims[1].fields["u"], sims[0].fields["u"])
 
 
-def test_a_run_resumes_bit_for_bit(tmp_path):
-    """The memory of the nodes is in the checkpoint, and so is the attenuation."""
-    sim = fh.Simulation(LINE, ROCK, fh.LatticePML(nodes=4), BELL, threads=1)
+@pytest.mark.parametrize(("given", "balance"), [(LOW, True), (TWO, False)], ids=["balance", "regions"])
+def test_a_run_resumes_bit_for_bit(tmp_path, given, balance):
+    """The memory of the nodes is in the checkpoint, and so are the attenuation and what it has dissipated."""
+    model = fh.Wave(fh.Kernel(1.0), attenuation=given)
+    sim = fh.Simulation(LINE, model, fh.LatticePML(nodes=4), BELL, threads=1, balance=balance)
     sim.step(30)
     sim.save(tmp_path / "half.npz")
     resumed = fh.Simulation.restore(tmp_path / "half.npz")
-    assert resumed.setup.model.attenuation == LOW
+    kept = resumed.setup.model.attenuation
+    assert (kept.quality, len(kept.regions)) == (given.quality, len(given.regions))
     sim.step(40)
     resumed.step(40)
     np.testing.assert_array_equal(resumed.fields["u"], sim.fields["u"])
+    assert resumed.energies() == pytest.approx(sim.energies(), rel=1e-14)
+
+
+def test_regions_alike_are_no_regions():
+    """Runs of nodes, the rest of a row, and what layers complete later, relax alike."""
+    fields = []
+    for regions in ((), [fh.LossyRegion(fh.Disc(3.1, (0.3, -0.4)), LOW.quality)]):
+        model = fh.Wave(fh.Kernel(1.0), attenuation=replace(LOW, regions=regions))
+        plane, bell = fh.Lattice(0.5, (-5.0, -6.0), (5.0, 6.0)), {"u": "exp(-x**2 - y**2)"}
+        sim = fh.Simulation(plane, model, {"x": fh.LatticePML(nodes=4), "y": fh.Free()}, bell, threads=1)
+        sim.step(60)
+        fields.append(sim.fields["u"])
+    np.testing.assert_array_equal(*fields)
 
 
 def test_released_nodes_move_by_the_forces_that_are_left():
@@ -160,6 +180,8 @@ def test_released_nodes_move_by_the_forces_that_are_left():
         ({"dtype": "float32"}, "float64"),
         ({"model": fh.Wave(fh.Kernel(1.0), attenuation=fh.Attenuation(50.0, (0.1, 2.0)))}, "band.*lattice.*<= 0."),
         ({"model": fh.Wave(fh.Kernel(1.0), attenuation=LOW, integrator="modified-equation")}, "modified"),
+        ({"model": fh.Wave(fh.Kernel(1.0), attenuation=TWO), "balance": True}, "balance.*one quality"),
+        ({"model": fh.Wave(fh.Kernel(1.0), attenuation=FLAT)}, "regions.*dimension"),
     ],
 )
 def test_what_has_no_attenuation_is_refused(arguments, words):

@@ -7,10 +7,12 @@ from scipy.optimize import least_squares, newton
 from tests.helpers import fitted_rate
 
 import farhorizon as fh
+from farhorizon.case.case import Case
 from farhorizon.errors import InputError
 
 TWO_DECADES = (0.005, 0.5)
 ROCK = fh.Attenuation(quality=20.0, band=TWO_DECADES)
+SMALL = fh.LossyRegion(fh.Disc(1.0), 6.0)
 SHARP = fh.Attenuation(quality=8.0, band=(0.02, 0.2), mechanisms=3)
 
 
@@ -45,6 +47,8 @@ def test_waves_of_high_frequency_are_faster_as_causality_demands():
         ({"quality": 10, "band": (0.01, 100), "exponent": 1}, "exponent.*>= 5|>= 5.*exponent"),
         ({"quality": 50, "band": (1, 2), "mechanisms": 0}, "mechanisms"),
         ({"quality": 50, "band": (1e-9, 1e9)}, "no 16 mechanisms"),
+        ({"quality": 50, "band": (1, 2), "regions": [fh.Disc(1.0)]}, r"regions\[0\].*LossyRegion"),
+        ({"quality": 50, "band": (1, 20), "exponent": 0.5, "regions": [SMALL]}, r"regions\[0\].quality.*>= 5"),
     ],
 )
 def test_what_no_mechanisms_have_is_refused(arguments, words):
@@ -167,3 +171,54 @@ def test_without_mechanisms_of_weight_nothing_changes():
         sim.step(100)
         fields.append(sim.fields["u"])
     np.testing.assert_allclose(fields[1], fields[0], atol=1e-10)
+
+
+def test_waves_in_regions_have_their_own_quality():
+    """A burst crosses into a half-space of a fifth of Q: its amplitude and phase there are those of the closed form,
+    and it is reflected as pressure is where the modulus changes at equal density.
+    """
+    half = fh.LossyRegion(fh.Box((0.0,), (100.0,)), 12.0)
+    rock = fh.Attenuation(60.0, (0.02, 0.2), regions=[half])
+    records = []
+    for medium in (rock, fh.Attenuation(60.0, (0.02, 0.2))):
+        burst = fh.Source("exp(-((x + 20)/0.8)**2)", "exp(-((t - 45)/10)**2)*cos(2*pi*0.1*(t - 45))")
+        line = fh.Receivers([(-6.0,), (6.0,), (14.0,)])
+        model = fh.Wave(fh.Kernel(0.3), attenuation=medium)
+        layers, lattice = fh.LatticePML(nodes=40), fh.Lattice(0.1, -40.0, 40.0)
+        sim = fh.Simulation(lattice, model, layers, {}, sources=[burst], observe=[line], dt=0.07, threads=1)
+        sim.run(150.0)
+        records.append(line.data["u"])
+    frequency = np.linspace(0.08, 0.12, 5)
+    split, alone = (np.exp(-2j * np.pi * np.outer(frequency, line.times)) @ record for record in records)
+    slowness = [spectrum.modulus(frequency) ** -0.5 for spectrum in rock.spectra]
+    before, after = (2 * np.pi * frequency * slow for slow in slowness)
+    np.testing.assert_allclose(split[:, 2] / split[:, 1], np.exp(-8j * after), rtol=0.005)
+    quality = -np.pi * frequency * 8 / np.log(np.abs(split[:, 2] / split[:, 1])) / rock.spectra[1].speed_at(frequency)
+    np.testing.assert_allclose(quality, rock.spectra[1].quality_at(frequency), rtol=0.02)
+    reflected = (split[:, 0] / alone[:, 0] - 1) * np.exp(12j * before)
+    np.testing.assert_allclose(reflected, (slowness[0] - slowness[1]) / (slowness[0] + slowness[1]), rtol=0.1)
+
+
+def test_a_case_file_gives_regions():
+    text = """
+    [lattice]
+    spacing = 0.5
+    lower = [-10.0]
+    upper = [10.0]
+    [model]
+    type = "wave"
+    kernel = { horizon = 1.0 }
+    [model.attenuation]
+    quality = 50.0
+    band = [0.02, 0.3]
+    [[model.attenuation.regions]]
+    region = { box = { lower = [0.0], upper = [5.0] } }
+    quality = 8
+    [boundary]
+    x = { type = "free" }
+    [initial]
+    u = "exp(-x**2)"
+    [run]
+    until = 1.0
+    """
+    assert repr(Case(text).simulation().model.attenuation.regions) == repr((fh.LossyRegion(fh.Box([0.0], [5.0]), 8.0),))

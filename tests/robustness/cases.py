@@ -184,6 +184,17 @@ class Draw:
             found["target"] = self.one(1e-3, 1e-4, 1e-6)
         return found
 
+    def attenuation(self) -> dict:
+        """Return a quality factor, sometimes of a power law, and another one in a part of the medium."""
+        highest = self.number(0.05, 0.4) / self.time
+        lossy: dict = {"quality": self.number(5, 200), "band": [highest / self.one(5, 10, 50), highest]}
+        if self.chance(0.3):
+            lossy["exponent"] = self.number(-0.3, 0.3)
+        if self.chance(0.3):
+            region = {"box": {"lower": [0.0] * self.dim, "upper": [2 * self.span] * self.dim}}
+            lossy["regions"] = [{"region": region, "quality": self.number(5, 200)}]
+        return lossy
+
     def wave(self) -> dict:
         model = {"type": "wave", "speed": self.speed, **self.operator()}
         if self.chance(0.3):
@@ -598,7 +609,11 @@ class Draw:
             case["boundary_T"] = {"all": self.one({"type": "free"}, {"type": "fixed"}, self.pml())}
             return
         fitting = {
-            "wave": [{"damping": self.number(0, 0.2) / self.time}, {"density": self.number(0.5, 2.0)}],
+            "wave": [
+                {"damping": self.number(0, 0.2) / self.time},
+                {"density": self.number(0.5, 2.0)},
+                {"attenuation": self.attenuation()},
+            ],
             "diffusion": [{"stages": int(self.rng.integers(1, 20)), "integrator": "rkc"}],
             "heat": [{"stages": int(self.rng.integers(1, 20)), "integrator": "rkc"}, {"self_term": self.chance(0.5)}],
             "elastic": [
@@ -609,6 +624,7 @@ class Draw:
                 {"law": {"type": "viscoelastic-bond", "relaxing": self.number(0, 1), "time": self.time}},
                 {"fracture_energy": self.number(0.1, 2.0)},
                 {"damping": self.number(0, 0.2) / self.time},
+                {"attenuation": self.attenuation()},
             ],
             "correspondence": [{"plane": self.one("stress", "strain")}, {"drag": 0.1 / self.time}],
         }

@@ -220,7 +220,8 @@ def begin_relaxations(engine: Engine) -> None:
         for mechanism, memory in enumerate(relaxations.memory):
             memory[:] = -_at_places(engine, relaxations.now[:, mechanism]) * force
     dissipation = engine.tables.dissipation
-    dissipation.slid[...] = -np.multiply.outer(dissipation.now, engine.current)
+    for now, slid in zip(dissipation.now, dissipation.slid, strict=True):
+        slid[:] = -now * engine.current
 
 
 def relaxed(engine: Engine, forces: np.ndarray) -> np.ndarray:
