@@ -93,8 +93,8 @@ class Simulation(Run):
     specimens : sequence of Specimen
         The metal of a `Corrosion` model; everything else is liquid.
     balance : bool
-        Record the flow into the near field, for `balance`; for an `Elastic` medium, record the energies and the work of
-        sources and loads.
+        Record the flow into the near field, for `balance`; for an `Elastic` medium, or one with attenuation, record the energies
+        and the work of sources and loads.
     coefficient : array_like, optional
         Factor on the bonds, given at the nodes.
     rule : {"both", "arithmetic", "harmonic"}, optional
@@ -398,11 +398,13 @@ class Simulation(Run):
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
         times the density of an elastic medium, and, with a reaction r, "reaction", ``1/2 r u . u^-``; the undamped
-        scheme conserves their sum exactly. For an elastic medium with ``balance=True`` also "work", done since the
-        start by sources, loads and prescribed nodes, and for a solid that is heated by its deformation "thermal", the
-        energy of its temperature half a step ago, ``rho c theta . theta^- / 2 T0``; the strain energy is then that of
-        the actual strains, and without conduction the sum of all three is conserved exactly. Diffusion: "stored",
-        ``1/2 integral (u - background)^2``.
+        scheme conserves their sum exactly. With attenuation there is "kinetic" alone, or with ``balance=True`` also
+        "strain", that of all springs, and "dissipated", what their dashpots have taken; the sum less the work is
+        conserved to the square of the step. For an elastic or lossy medium with ``balance=True`` also "work", done
+        since the start by sources, loads and prescribed nodes, and for a solid that is heated by its deformation
+        "thermal", the energy of its temperature half a step ago, ``rho c theta . theta^- / 2 T0``; the strain energy is
+        then that of the actual strains, and without conduction the sum of all three is conserved exactly. Diffusion:
+        "stored", ``1/2 integral (u - background)^2``.
 
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
         step ago. There are also "work", as above, and "broken", the energy that bonds held when they broke, also beyond
