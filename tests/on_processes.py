@@ -709,7 +709,7 @@ KEPT = (
 )
 KEPT_SLOWLY = (
     *("single precision", "diffusion", "strata", "pumped and heated", "heated by a run", "state-based in space"),
-    "breaking, heated by a run",
+    *("breaking, heated by a run", "attenuation by region"),
     *("states that close", "states that break by energy", "elastic, by target", "elastic in space, by target"),
 )
 SMALL_SOLID = fh.Setup(

@@ -93,8 +93,8 @@ class Simulation(Run):
     specimens : sequence of Specimen
         The metal of a `Corrosion` model; everything else is liquid.
     balance : bool
-        Record the flow into the near field, for `balance`; for an `Elastic` medium, or one with attenuation, record the energies
-        and the work of sources and loads.
+        Record the flow into the near field, for `balance`; for an `Elastic` medium, or one with attenuation, record the
+        energies and the work of sources and loads.
     coefficient : array_like, optional
         Factor on the bonds, given at the nodes.
     rule : {"both", "arithmetic", "harmonic"}, optional
