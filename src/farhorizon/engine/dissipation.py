@@ -7,16 +7,13 @@ that its power is ``-tau s' . r'``.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.layout import doubles, ints, reals
 from farhorizon.engine.threads import barrier, chunk_of
-
-if TYPE_CHECKING:
-    from farhorizon.engine.engine import Engine
 
 
 class Dissipation(NamedTuple):
@@ -64,12 +61,3 @@ def move_dashpots(thread, stage, block, relaxations, dissipation):
                     slid[m, at] = keep[m] * dashpot + before[m] * u
         dissipation.lost[i0, i1] += taken
     barrier(thread)
-
-
-def displacements(engine: Engine) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """Return for each mechanism its share, and the displacements of its dashpots now and a step ago, as levels."""
-    share, _, keep, before, now, slid, *_ = engine.tables.dissipation
-    u, old = engine.current, engine.older
-    return [
-        (float(share[m]), values + now[m] * u, (values - before[m] * old) / keep[m]) for m, values in enumerate(slid)
-    ]

@@ -233,6 +233,15 @@ def relaxed(engine: Engine, forces: np.ndarray) -> np.ndarray:
     return np.asarray(forces - lost)
 
 
+def dashpots(engine: Engine) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Return for each mechanism its share, and the displacements of its dashpots now and a step ago, as levels."""
+    share, _, keep, before, now, slid, *_ = engine.tables.dissipation
+    u, old = engine.current, engine.older
+    return [
+        (float(share[m]), values + now[m] * u, (values - before[m] * old) / keep[m]) for m, values in enumerate(slid)
+    ]
+
+
 def _at_places(engine: Engine, of_spectra: np.ndarray) -> np.ndarray:
     """Values of the spectra of all places, as a level."""
     return np.tile(of_spectra[engine.tables.relaxations.numbers], engine.components)

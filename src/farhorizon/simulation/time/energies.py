@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.engine.dissipation import displacements
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.settings import dashpots
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
@@ -68,7 +68,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
     stretched = [(1.0, u, old)]
     if lossy:  # the relaxed springs, and those that dashpots follow
-        held = displacements(engine)
+        held = dashpots(engine)
         stretched = [(1 - sum(share for share, _, _ in held), u, old)]
         for share, slid, slid_before in held:
             now, ago = u - slid, old - slid_before
