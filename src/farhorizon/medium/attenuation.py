@@ -39,6 +39,7 @@ class LossyRegion(Storable):
     Parameters
     ----------
     region : Shape
+        Where Q differs.
     quality : float
         The quality factor Q there at the reference frequency, 5 or more.
 
