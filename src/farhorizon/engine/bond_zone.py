@@ -28,6 +28,7 @@ from farhorizon.engine.bonds import (
 from farhorizon.engine.codegen.bond_functions import BondFunctions, function_sweep, stored
 from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS, BondLaw
 from farhorizon.engine.codegen.build import load_rows
+from farhorizon.engine.faces import Faces
 from farhorizon.engine.field import Field
 from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import trace_operations
@@ -160,7 +161,7 @@ class BondZone:
             bonds = bonds._replace(before=alive.copy())
         if contact:
             bonds = bonds._replace(closing=alive.copy())
-        engine.replace(bonds=bonds)
+        engine.replace(bonds=bonds, faces=with_defaults(Faces, engine.dtype))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self.find_kinds()
 
@@ -230,6 +231,12 @@ class BondZone:
             for bond, lacks_it in enumerate(gone if bits.size else ()):
                 bits[bond >> 6, nodes[lacks_it]] &= ~(np.uint64(1) << np.uint64(bond & 63))
         self._remember()
+
+    def part(self, nodes: np.ndarray, bonds: np.ndarray) -> None:
+        """Let bonds of some places carry no compression along themselves."""
+        gone = ~(np.uint64(1) << (bonds & 63).astype(np.uint64))
+        np.bitwise_and.at(self.table.closing, (bonds >> 6, nodes), gone)
+        self._look_at_closing()
 
     def _remember(self) -> None:
         """Store the present bits as those for which the lost energy has been accounted."""
@@ -325,7 +332,9 @@ class BondZone:
             bonds["shares"] = table.residual_stiffness
         if table.history.size:
             bonds["history"] = table.history
-        work = self.engine.tables.work
+        faces, work = self.engine.tables.faces, self.engine.tables.work
+        if faces.slips.size:
+            bonds |= {"slips": faces.slips, "rubbed": faces.rubbed}
         return bonds | ({"work": work} if work.size else {})
 
     @property

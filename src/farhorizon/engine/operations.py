@@ -22,6 +22,7 @@ from farhorizon.engine.dissipation import Dissipation
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import ExactEndTables
 from farhorizon.engine.exchange import LEVEL, SLOTS
+from farhorizon.engine.faces import Faces
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.impactors import Impactors
 from farhorizon.engine.layers import Layers, has_layers
@@ -84,6 +85,7 @@ PUSH = 35  # rigid shapes push nodes, and move
 WORK_OF_PUSHES = 36  # the work of these pushes is accumulated
 RELAX = 37  # forces of the medium relax
 DISSIPATE = 38  # dashpots move, and what that takes is accumulated
+TOUCH = 39  # faces of cracks push each other, and slide
 
 # Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
 # through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
@@ -137,6 +139,7 @@ class Tables(NamedTuple):
     stretches: DerivativePML = empty(DerivativePML)
     drag: Drag = empty(Drag)
     bonds: Bonds = empty(Bonds)
+    faces: Faces = empty(Faces)
     phases: Phases = empty(Phases)
     heat: ThermalStrains = empty(ThermalStrains)
     impactors: Impactors = empty(Impactors)
@@ -226,7 +229,7 @@ def operator_operations(tables: Tables, dissolving: bool = False, breaking: bool
             steps += [(RELEASE, 0, GRADIENT), (DAMAGED, STATES_AGAIN, GRADIENT)]
         steps += _sums(tables, DIVERGENCE, halo=True, ahead=True)
         steps += _present((STRETCH_FORCES, stretched), number=DIVERGENCE) + [(DAMAGED, FORCES, DIVERGENCE)] * breaks
-    steps += _present((THERMAL_FORCES, tables.heat.vectors.size))
+    steps += _present((TOUCH, tables.faces.nodes.size), (THERMAL_FORCES, tables.heat.vectors.size))
     return steps + (_in_layers(tables, PUSHES, [(THERMAL_FORCES_BEYOND, 0, PUSHES)]) if tables.heat.beyond.size else [])
 
 
@@ -320,7 +323,7 @@ def beginning_operations(tables: Tables) -> list[Operation]:
 
 def sweep_operations(tables: Tables) -> list[Operation]:
     """Operations of the operator with plain shifts, using the halo of the level as it is."""
-    plain = (SWEEP, CUT, LAW, DAMAGED, THERMAL_FORCES, THERMAL_FORCES_BEYOND)
+    plain = (SWEEP, CUT, LAW, DAMAGED, TOUCH, THERMAL_FORCES, THERMAL_FORCES_BEYOND)
     return [
         step
         for step in operator_operations(tables, breaking=False)
@@ -377,11 +380,16 @@ def without_contact(tables: Tables) -> Tables:
     """Return the same tables of a state-based medium whose absent bonds carry no compression."""
     if tables.bonds.forces:
         return tables
-    return tables._replace(bonds=tables.bonds._replace(closing=tables.bonds.closing[:0]))
+    faces = with_defaults(Faces, tables.numbers.dtype)
+    return tables._replace(bonds=tables.bonds._replace(closing=tables.bonds.closing[:0]), faces=faces)
 
 
 def with_histories_at_rest(tables: Tables) -> Tables:
-    """Return the same tables for what is not a step of the run: bonds whose law is a function keep their histories."""
+    """Return the same tables for what is not a step of the run: bonds whose law is a function keep their histories, and
+    faces that slide their slips.
+    """
+    if tables.faces.slips.size:
+        tables = tables._replace(faces=tables.faces._replace(moving=0))
     if not tables.bonds.parameters.size:
         return tables
     parameters = tables.bonds.parameters.copy()

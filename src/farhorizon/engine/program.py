@@ -29,6 +29,7 @@ from farhorizon.engine.dissipation import move_dashpots
 from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
+from farhorizon.engine.faces import press_faces
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.impactors import add_work_of_pushes, push_nodes
 from farhorizon.engine.operations import (
@@ -62,6 +63,7 @@ from farhorizon.engine.operations import (
     STRETCH_STATES,
     THERMAL_FORCES,
     THERMAL_FORCES_BEYOND,
+    TOUCH,
     WORK,
     WORK_OF_PUSHES,
 )
@@ -172,6 +174,16 @@ def cut(thread, stage, sums, tables, inputs, step, number):
                 out[nodes[i] + row * apart] -= lost
                 if stage.increments:
                     base[nodes[i] + row * apart] -= lost
+    barrier(thread)
+
+
+@operation(TOUCH)
+def touch(thread, stage, sums, tables, inputs, step, number):
+    """Let faces of cracks push each other, and slide."""
+    faces = tables.faces
+    chunk = chunk_of(thread, faces.nodes.size)
+    first, last = run_start(faces.nodes, chunk[0]), run_start(faces.nodes, chunk[1])
+    press_faces(stage, faces, tables.bonds.thermal_strain, first, last)
     barrier(thread)
 
 

@@ -201,6 +201,7 @@ def digest(engine: Engine) -> str:
         tables.material.coefficient,
         tables.bonds.excess,
         *tables.cuts,
+        *tables.faces[:6],
         *tables.surface[:-1],
         *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
         *tables.stretches._replace(memory=none, room=none),
@@ -309,6 +310,7 @@ def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
         "drag": tables.drag.lost[None],
         "relaxation": tables.dissipation.lost[None],
         "flows": tables.flows.totals.T,
+        "rubbed": tables.faces.rubbed[None],
     }
     return {name: sums for name, sums in accumulated.items() if sums.size}
 

@@ -475,6 +475,26 @@ class Cut(_Described):
         a, b = np.broadcast_arrays(_trailing("start", start, self.dim), _trailing("end", end, self.dim))
         return self._cuts(a.reshape(-1, self.dim), b.reshape(-1, self.dim)).reshape(a.shape[:-1])
 
+    def normals(self, start: ArrayLike, end: ArrayLike) -> Array:
+        """Unit normals of the surface where bonds cross it.
+
+        Parameters
+        ----------
+        start, end : array_like, shape (n, dim)
+            The ends of bonds that are cut.
+
+        Returns
+        -------
+        ndarray, shape (n, dim)
+            Of any sign; along the bonds unless a class defines them, so that faces that touch do not slide.
+
+        Raises
+        ------
+        InputError
+            If the last axes are not `dim` long.
+        """
+        return self._normals_of(_trailing("start", start, self.dim), _trailing("end", end, self.dim))
+
     def bounds(self) -> tuple[Array, Array]:
         """Return the smallest and the largest coordinates.
 
@@ -493,6 +513,9 @@ class Cut(_Described):
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         raise NotImplementedError
+
+    def _normals_of(self, start: Array, end: Array) -> Array:
+        return (end - start) / _norm(end - start)[:, None]
 
 
 class PointCut(Cut):
@@ -605,6 +628,12 @@ class Polyline(Cut):
             cut |= _planar_cut(start, end, self.points[i], self._normals[i], self._region(i))
         return cut
 
+    def _normals_of(self, start: Array, end: Array) -> Array:
+        normals = super()._normals_of(start, end)
+        for i, normal in enumerate(self._normals):
+            normals[_planar_cut(start, end, self.points[i], normal, self._region(i))] = normal
+        return normals
+
     def _region(self, i: int) -> _Region:
         tangent, length = self._tangents[i], self._lengths[i]
         first, last = self._first_moves[i], self._last_moves[i]
@@ -716,6 +745,9 @@ class Rectangle(Cut):
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(start, end, self.corner, self._normal, self._region)
 
+    def _normals_of(self, start: Array, end: Array) -> Array:
+        return np.tile(self._normal, (len(start), 1))
+
     def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
         inside = np.ones(len(slack), dtype=bool)
         for tangent, length in zip(self._tangents, self._lengths, strict=True):
@@ -776,6 +808,9 @@ class DiscCut(Cut):
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(start, end, self.centre, self._unit, self._region)
+
+    def _normals_of(self, start: Array, end: Array) -> Array:
+        return np.tile(self._unit, (len(start), 1))
 
     def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
         return _norm(crossing) <= self.radius + slack
@@ -840,6 +875,9 @@ class PolygonCut(Cut):
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(start, end, self._origin, self._normal, self._region)
+
+    def _normals_of(self, start: Array, end: Array) -> Array:
+        return np.tile(self._normal, (len(start), 1))
 
     def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
         return self._outline.contains(self._flat(crossing))

@@ -99,6 +99,7 @@ class Correspondence(Elastic):
         drag: Frequency = 0.0,
         stabilisation: float = 0.0,
         contact: bool = False,
+        friction: float = 0.0,
     ) -> None:
         super().__init__(
             kernel,
@@ -110,6 +111,7 @@ class Correspondence(Elastic):
             critical_stretch=critical_stretch,
             stabilisation=stabilisation,
             contact=contact,
+            friction=friction,
         )
         if not isinstance(kernel, Kernel):
             raise InputError(

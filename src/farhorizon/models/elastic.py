@@ -126,7 +126,10 @@ class Elastic(LatticeModel):
         Bonds that are cut or broken transmit compression when they are shorter than initially, so that the faces of a
         closing crack do not pass through each other; not available for finite elements. In state-based and
         correspondence materials such bonds act like the springs of a bond-based material of the same P modulus. The
-        same as `nonlinear` unless given.
+        same as `nonlinear` unless given. Linear bonds across the given cracks push along the normal of the crack
+        instead, so that its faces slide (`farhorizon.engine.faces`).
+    friction : float
+        Coulomb's coefficient between such faces.
     integrator : {"verlet", "modified-equation"}
         As for `Wave`: the modified equation serves solids whose bonds neither break nor have a law of their own.
     attenuation : Attenuation, optional
@@ -214,6 +217,7 @@ class Elastic(LatticeModel):
         softening: str | None = None,
         law: BondLaw | None = None,
         contact: bool | None = None,
+        friction: float = 0.0,
         integrator: str | Integrator = "verlet",
         attenuation: Attenuation | None = None,
         surface: str | None = None,
@@ -237,6 +241,7 @@ class Elastic(LatticeModel):
             kinds.instance(law, "model.law", BondLaw, "a law of bonds", remedy=", ".join(sorted(BondLaw.known)))
         self.law = law
         self.contact = self.nonlinear if contact is None else kinds.flag(contact, "model.contact")
+        self.friction = kinds.number(friction, "model.friction", least=0)
         self.calibrate = kinds.one_of(calibrate, "model.calibrate", CALIBRATIONS, "unknown calibration")
         self._check_law()
         self.surface = surface
@@ -302,6 +307,14 @@ class Elastic(LatticeModel):
                 key=f"model.{asked[0]}",
                 remedy='material="bond-based", or critical_stretch, fracture_energy and contact alone',
             )
+        if self.friction and not self.slides:
+            raise InputError(
+                "friction acts between faces of cracks that touch and slide, of linear bonds",
+                value=self.friction,
+                limit="0 without contact, and for nonlinear bonds",
+                key="model.friction",
+                remedy="nonlinear=False" if self.contact else "contact=True",
+            )
         if self.calibrate == "static" and (self.fracture_energy is None or self.softening is not None):
             raise InputError(
                 "a crack at rest calibrates the critical stretch of bonds that break at once",
@@ -362,6 +375,11 @@ class Elastic(LatticeModel):
         return self.nonlinear or self.contact or self.warm or self.law is not None or stiffer or bool(self._strength)
 
     @property
+    def slides(self) -> bool:
+        """Whether the faces of cracks slide where they are in contact: normals stay as they are at small strains."""
+        return self.contact and not self.nonlinear
+
+    @property
     def bond_law(self) -> Elastic | None:
         """The model itself where bonds follow individual laws, else None."""
         return self if self.bondwise else None
@@ -400,6 +418,7 @@ class Elastic(LatticeModel):
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
         model.nonlinear, model.contact, model.critical_stretch, model.fracture_energy = False, False, None, None
+        model.friction = 0.0
         model.softening, model.law, model.warm, model.each_bond = None, None, False, False
         return model
 

@@ -43,6 +43,8 @@ class BondLaw(Protocol):
 
     nonlinear: bool
     contact: bool
+    friction: float
+    shear: float
     warm: bool
     density: float
     softening: str | None
@@ -55,6 +57,10 @@ class BondLaw(Protocol):
     @property
     def p_modulus(self) -> float:
         """Modulus of longitudinal waves."""
+
+    @property
+    def slides(self) -> bool:
+        """Whether the faces of cracks slide where they are in contact."""
 
     @property
     def caution(self) -> str | None:

@@ -190,6 +190,7 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
         ),
         ("impactors, whose forces come from nodes of all processes,", "load", bool(setup.impactors)),
         ("sponges beside media that vary", "boundary", varies(setup) and damped),
+        ("slips of faces with friction", "model.friction", bool(getattr(setup.model, "friction", 0) and setup.cracks)),
         ("load steps", "dt", setup.load_steps is not None),
         ("surfaces that are corrected", "model.surface", setup.model.stiffens_surfaces),
     ]

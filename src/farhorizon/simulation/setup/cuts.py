@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from farhorizon.boundaries import OutlineCondition
+from farhorizon.engine.sliding import set_faces
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.cracks import Crack, cut_bonds
@@ -51,6 +52,24 @@ class CutBonds:
         engine.absent.set(
             nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None
         )
+        law = self.near.model.bond_law
+        if law is not None and law.slides and engine.bonds and cracks:
+            set_faces(engine, *self._faces(cracks), law.friction, law.shear / law.p_modulus)
+
+    def _faces(self, cracks: Sequence[Crack]) -> Bonds:
+        """Return the bonds of the core that cracks cut altogether: nodes, neighbours, and the normals of the cracks."""
+        engine, faces = self.grid.engine, [(np.zeros(0, np.int64),) * 2 + (np.zeros((0, self.near.lattice.dim)),)]
+        for crack in cracks:
+            if crack.factor:
+                continue
+            nodes, neighbours, _ = self._lost(crack)[0]
+            start, end = (
+                self.grid.origin + self.near.lattice.spacing * engine.core.coordinates(places)[:, self.grid.lead :]
+                for places in (nodes, neighbours)
+            )
+            faces.append((nodes, neighbours, crack.cut.normals(start, end)))
+        nodes, neighbours, normals = (np.concatenate(parts) for parts in zip(*faces, strict=True))
+        return nodes, neighbours, normals
 
     def _lost(self, crack: Crack) -> list[Bonds]:
         """Return the bonds across a crack, those in the core and those in the layers as separate entries; results are

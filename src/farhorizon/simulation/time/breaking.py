@@ -17,6 +17,7 @@ import numpy as np
 from farhorizon.engine.bonds import steepest
 from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_thermal_strain
+from farhorizon.engine.sliding import energies_of_faces
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
@@ -263,9 +264,19 @@ class BreakableBonds:
         in_full = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
             in_full[lead + axis, int(side > 0)] = boundary.held is not None
-        return self.near.mass * self.grid.engine.bonds.energy(
+        of_bonds = self.grid.engine.bonds.energy(
             tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, in_full, cold
         )
+        return self.near.mass * (of_bonds + self._of_faces()[0])
+
+    def friction(self) -> dict[str, float]:
+        """Return the energy that friction between the faces of cracks has dissipated, by its name; none without it."""
+        return {"friction": self.near.mass * self._of_faces()[1]} if self.law.friction else {}
+
+    def _of_faces(self) -> tuple[float, float]:
+        lattice, places = self.near.lattice, self.grid.nodes.reshape(self.near.lattice.shape)
+        there = places if lattice.mask is None else places[lattice.mask]
+        return energies_of_faces(self.grid.engine, there.ravel())
 
     def margin(self) -> IntactMargin | None:
         """Return the margin in which bonds cannot break, to be checked whenever a longitudinal wave has crossed one

@@ -63,6 +63,8 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
         facts["insulated"] = heat.contact_conductance  # broken bonds conducted in earlier versions
     if law is not None and law.contact:
         facts["contact"] = True
+        if law.slides and setup.cracks:
+            facts["friction"] = law.friction
     if law is not None and law.softening is not None:
         facts["softening"] = [law.softening, law.fracture_energy]
     if law is not None and law.law is not None:
@@ -133,6 +135,8 @@ def whole_of(parts: RunParts) -> tuple[Arrays, dict[str, Any]]:
         arrays["stretches"] = engine.tables.stretches.memory
     if parts.impactors is not None:
         arrays["impactors"] = parts.impactors.state
+    if engine.tables.faces.slips.size:
+        arrays["slips"] = engine.tables.faces.slips
     return arrays, meta
 
 
@@ -147,5 +151,7 @@ def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[
         engine.tables.stretches.memory[...] = arrays["stretches"]
     if parts.impactors is not None:
         parts.impactors.state[...] = arrays["impactors"]
+    if engine.tables.faces.slips.size:
+        engine.tables.faces.slips[...] = arrays["slips"]
     for name, sums in parts_of_sums(engine).items():
         sums[...] = arrays[f"sums/{name}"]

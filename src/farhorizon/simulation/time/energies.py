@@ -60,6 +60,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
             "strain": breaking.strain_energy(cold),
             "work": mass * engine.work,
             "broken": mass * engine.bonds.broken[0],
+            **breaking.friction(),
         }
     engine.complete(engine.current)
     u, old = engine.current.astype(float), engine.older.astype(float)
@@ -92,6 +93,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
         further["broken"] = float(mass * engine.bonds.broken[0])
         if breaking.law.contact:
             of_waves["strain"] += breaking.strain_energy(cold)
+            further |= breaking.friction()
     return of_waves | further | ({"work": mass * engine.work} if work else {})
 
 
