@@ -57,6 +57,7 @@ class Interpreter:
             op.LINES: lambda: None,  # `_stretch` continues the field itself
             op.SWEEP: self._sweep,
             op.CUT: self._cut,
+            op.TOUCH: self._touch,
             op.STRETCH: self._stretch,
             op.ENDS: self._exact_ends,
             op.ADD_SOURCES: self._add_sources,
@@ -301,6 +302,34 @@ class Interpreter:
         lost = self.factors(cuts.nodes, cuts.neighbours) * self._gaps(cuts.nodes, cuts.neighbours)
         weights = cuts.weights.reshape(-1, d, d)
         self.add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
+
+    def _touch(self) -> None:
+        """Push the faces of cracks apart along their normals; friction draws them back until it slips."""
+        faces, kept = self.tables.faces, self.stage
+        if not len(faces.nodes):
+            return
+
+        def moved(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            u = self.split(level)
+            apart = (u[:, faces.neighbours] - u[:, faces.nodes]).T
+            apart = apart - np.reshape(self.thermal_strain(faces.nodes, faces.neighbours), (-1, 1)) * faces.arms
+            gap = np.einsum("ic,ic->i", apart, faces.normals)[:, None] * faces.normals
+            return gap, apart - gap
+
+        gap, along = moved(kept.src)
+        depth = np.where((gap * faces.normals).sum(1, keepdims=True) < 0, gap, 0)
+        force = depth
+        if len(faces.slips):
+            friction, ratio = faces.constants
+            trial, grip = along - faces.slips, friction / ratio * np.linalg.norm(depth, axis=1)
+            size = np.linalg.norm(trial, axis=1)
+            held = trial * np.minimum(1, np.divide(grip, size, out=np.ones_like(size), where=size > 0))[:, None]
+            force = depth + ratio * held
+            if faces.moving:
+                both = moved(kept.base)[1] - faces.slips + held
+                faces.rubbed[:] += 0.25 * ratio * faces.stiffness * (both * (trial - held)).sum(1)
+                faces.slips[:] = along - held
+        self.add((faces.stiffness[:, None] * force).T, faces.nodes)
 
     # --- layers ------------------------------------------------------------------------------------------------
 

@@ -102,6 +102,7 @@ RIGHT = {
         "drag": 0.0,
         "stabilisation": 0.0,
         "contact": False,
+        "friction": 0.0,
     },
     "Corrosion": {
         "operator": KERNEL,
@@ -132,6 +133,7 @@ RIGHT = {
         "softening": None,
         "law": None,
         "contact": None,
+        "friction": 0.0,
         "integrator": "verlet",
         "attenuation": None,
         "surface": None,

@@ -275,6 +275,10 @@ CASES = {
         cracks=ACROSS,
         stabilisation=0.3,
     ),
+    "faces that rub": lambda: closing("bond-based", 0.25, cracks=ACROSS, critical_stretch=0.02, friction=0.4),
+    "faces of two solids that rub": lambda: closing(
+        "state-based", "0.3 - 0.1*(y > 9.5)", cracks=ACROSS, density="1 + (x > 9.5)", friction=0.2
+    ),
     "stresses in space as bonds break and close": lambda: closing(
         "correspondence",
         0.2,

@@ -60,6 +60,8 @@ class Correspondence(Elastic):
         increases the resistance to fracture: calibrate it together with the critical stretch.
     contact : bool
         Whether bonds that are cut or broken transmit compression, as in `Elastic`.
+    friction : float
+        As in `Elastic`.
 
     Raises
     ------

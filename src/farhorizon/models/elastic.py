@@ -578,6 +578,11 @@ class Elastic(LatticeModel):
             return replace(variation, strength=next(iter(over.values()), None))
         return replace(variation, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
 
+    def expansion(self, dim: int) -> float:
+        """Strain across a body over its compression by forces along one axis."""
+        lame, shear = self.moduli
+        return lame / ((dim - 1) * lame + 2 * shear)
+
     def of_ratio(self, lame: float) -> Elastic:
         """The same material of unit P modulus, `lame` of which is Lame's constant."""
         model = copy.copy(self)

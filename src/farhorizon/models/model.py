@@ -58,6 +58,9 @@ class BondLaw(Protocol):
     def p_modulus(self) -> float:
         """Modulus of longitudinal waves."""
 
+    def expansion(self, dim: int) -> float:
+        """Return the strain across a body over its compression by forces along one axis."""
+
     @property
     def slides(self) -> bool:
         """Whether the faces of cracks slide where they are in contact."""

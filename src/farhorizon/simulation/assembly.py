@@ -60,12 +60,17 @@ from farhorizon.simulation.time.start import Start, check_range, drifting, own_s
 
 T = TypeVar("T")
 
-#: Note on cracks whose faces can meet and that run into sides beyond which they cannot.
+#: Notes on cracks whose faces can meet: where they do not slide, and on what else compression does to bonds.
 _STICKS = (
-    "closed cracks stick: contact acts along the bonds, without a law of friction, so that a crack under pressure does "
-    "not slide (it transmits all of an S pulse; one without pressure 0.65 to 0.85 of its amplitude) and wing cracks do "
-    "not form; with contact = false faces slide, but pass through each other"
+    "{} stick where they close: contact acts along the bonds, without a law of friction (under pressure all of an S "
+    "pulse is transmitted, without it 0.65 to 0.85 of its amplitude); the faces of given cracks slide if bonds are "
+    "linear"
 )
+_EXPANDS = (
+    "bonds break by their stretch alone: a bond-based body under uniaxial compression of {:.3g} or more breaks by "
+    "Poisson's expansion, without any crack, and first at free edges, where bonds are softer"
+)
+#: Note on such cracks that run into sides beyond which their faces cannot meet.
 _STAYS_OPEN = (
     "the faces of a crack do not meet within one reach of {} and beyond: compression is reflected there; "
     "Extended continues cracks whose faces meet, contact = false disables contact"
@@ -400,8 +405,12 @@ def _cut(setup: Setup, cuts: CutBonds, breaking: BreakableBonds | None, notes: l
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
-    if breaking is not None and breaking.law.contact and (setup.cracks or np.isfinite(breaking.critical_stretch)):
-        notes.append(_STICKS)
+    if breaking is not None and breaking.law.contact:
+        breaks = bool(np.isfinite(breaking.critical_stretch))
+        if breaks or (setup.cracks and not breaking.law.slides):
+            notes.append(_STICKS.format("faces of new cracks" if breaking.law.slides else "cracks"))
+        if breaks and setup.model.bonds:
+            notes.append(_EXPANDS.format(breaking.critical_stretch / breaking.law.expansion(setup.lattice.dim)))
     if breaking is not None and (ends := breaking.open_ends(_cuts(setup))):
         notes.append(_STAYS_OPEN.format(", ".join(side_name(*key) for key in ends)))
 
