@@ -223,20 +223,25 @@ class TimeLoop:
         breaking, engine, due = self.parts.breaking, self.parts.grid.engine, self._due(step)
         if len(due) == self._opened:
             return
-        stored = self.energies()["strain"] if breaking is not None and step else 0.0
+        stored = self._held_by_bonds() if breaking is not None and step else 0.0
         if breaking is not None and not step:
             breaking.begin()
         self.parts.cuts.cut(due, self._severed)
         if breaking is not None and len(due) < len(self.setup.cracks):
             engine.bonds.expect_cuts()
         if breaking is not None and stored:
-            lost = stored - self.energies()["strain"]  # total of all processes, counted by the first one
+            lost = stored - self._held_by_bonds()  # total of all processes, counted by the first one
             engine.bonds.count_cut(lost / self.parts.near.mass * (self.team.number == 0))
         self._opened = len(due)
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()
         if step and breaking is not None:
             self._find_margin(breaking)
+
+    def _held_by_bonds(self) -> float:
+        """Return the strain energy and what friction has dissipated: faces may slip as soon as a crack is cut."""
+        energies = self.energies()
+        return energies["strain"] + energies.get("friction", 0.0)
 
     def allow(self, step: int, most: int) -> int:
         """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
