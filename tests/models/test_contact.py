@@ -361,7 +361,8 @@ def test_shear_across_a_closed_crack(name):
             sim = fh.Simulation(lattice, model, sides, start, cracks=cracks, dt=0.05 / model.p_speed)
             sim.run(14.0 / model.s_speed, progress=False)
             heights.append(np.abs(sim.fields["v"][1][x > 1.0]).max())
-        assert 0.65 < heights[1] / heights[0] < 0.85 and heights[2] < 1e-9 * heights[0]
+        assert 0.65 < heights[1] / heights[0] < 0.85
+        assert heights[2] < 1e-5 * heights[0]  # the tail of the pulse begins beyond the face
 
 
 # --- energies and momentum -------------------------------------------------------------------------------------

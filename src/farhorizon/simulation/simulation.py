@@ -409,7 +409,8 @@ class Simulation(Run):
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
         step ago. There are also "work", as above, and "broken", the energy that bonds held when they broke, also beyond
         sides that extend the domain. Where no energy leaves through the sides and nothing is damped, kinetic + strain +
-        broken - work is conserved: exactly for linear bonds, otherwise to within the error of the time step.
+        broken - work is conserved: exactly for linear bonds, otherwise to within the error of the time step. The work
+        of "friction" between faces of cracks, if they have any, belongs to that sum.
         """
         return self._time_loop.energies()
 
