@@ -119,10 +119,7 @@ def shaken(dt, friction=0.3, name="bond-based", **options):
     lattice = lattice_of((40, 37), 0.5)
     moduli = () if name == "bond-based" else (0.3,)
     model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, *moduli, material=name, contact=True, friction=friction)
-    v = [
-        lambda x, y: -1e-3 * np.tanh((x - 10) / 3),
-        lambda x, y: -2e-3 * np.tanh((y - 9) / 3) + 1e-3 * np.sin(x / 3),
-    ]
+    v = [lambda x, y: -1e-3 * np.tanh((x - 10) / 3), lambda x, y: -2e-3 * np.tanh((y - 9) / 3) + 1e-3 * np.sin(x / 3)]
     cracks = [fh.Crack([(5.0, 6.1), (14.0, 11.3)]), fh.Crack([(6.0, 13.2), (13.0, 3.3)], opens=6.0)]
     start = {"v": lambda x, y: [part(x, y) for part in v]}
     return fh.Simulation(lattice, model, fh.Free(), start, cracks=cracks, dt=dt, balance=True, **options)
