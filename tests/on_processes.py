@@ -288,6 +288,16 @@ SLOW = {
         ),
         ALONG_X + ALONG_Y,
     ),
+    "faces that slide": (
+        plane(
+            fh.Elastic(KERNEL, "where(y > 1, 2, 1)", contact=True),
+            fh.Free(),
+            initial={"v": ["-0.1*x*exp(-2*(x**2 + y**2))", "-0.1*y*exp(-2*(x**2 + y**2))"]},
+            cracks=CRACKS,
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "states that close": (  # faces of two different solids that are pressed together
         plane(
             fh.Elastic(KERNEL, "where(y > 1, 2, 1)", 0.3, material="state-based", contact=True),

@@ -58,12 +58,11 @@ def set_faces(
 
 def energies_of_faces(engine: Engine, places: np.ndarray) -> tuple[float, float]:
     """Return the elastic energy of faces that touch, half a step ago, counted for some places, and the energy that
-    friction has dissipated until then, everywhere; per unit mass of a node.
+    friction has dissipated until then, everywhere; per unit mass of a node. The halo of the present level is filled.
     """
     faces = engine.tables.faces
     if not faces.nodes.size:
         return 0.0, 0.0
-    engine.complete(engine.current)
     gaps, alongs = zip(*(_motion(engine, level) for level in (engine.current, engine.older)), strict=True)
     (friction, ratio), (depth, ago) = faces.constants, (np.minimum(gap, 0.0) for gap in gaps)
     stored, lost = depth * ago, 0.0

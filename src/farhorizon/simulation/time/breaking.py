@@ -267,11 +267,13 @@ class BreakableBonds:
         of_bonds = self.grid.engine.bonds.energy(
             tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, in_full, cold
         )
-        return self.near.mass * (of_bonds + self._of_faces()[0])
+        return float(self.near.mass * (of_bonds + self._of_faces()[0]))
 
     def friction(self) -> dict[str, float]:
-        """Return the energy that friction between the faces of cracks has dissipated, by its name; none without it."""
-        return {"friction": self.near.mass * self._of_faces()[1]} if self.law.friction else {}
+        """Return the energy that friction between the faces of cracks has dissipated, by its name, after the strain
+        energy; none without friction.
+        """
+        return {"friction": float(self.near.mass * self._of_faces()[1])} if self.law.friction else {}
 
     def _of_faces(self) -> tuple[float, float]:
         lattice, places = self.near.lattice, self.grid.nodes.reshape(self.near.lattice.shape)
