@@ -6,6 +6,11 @@ the normal these forces are those of the intact bonds. Friction is elastic until
 ratio of the moduli of S and P waves draws the ends back along the face, as stiff against shear as the solid, until its
 force is Coulomb's; what exceeds this is slip. Both directions of a bond are computed alike, to the last bit.
 
+Forces along a normal are not along the bond: momentum is conserved pair by pair, angular momentum in the mean over
+bonds on both sides of the normal. Normals stay as they were, so that a rotation w moves the ends of a bond as a gap or
+a slip of w times its length would: strains and rotations must be small. Where all faces of random cracks stick, the
+largest squared frequency exceeds that of an intact solid of bonds by 0.0015 or less (measured).
+
 With the elongation e of the spring, the work of friction in a step is ``k_t e . (s(n+1) - s(n-1)) / 2`` with the slip
 s before and after; with elastic energies ``k_t e(n) . e(n-1) / 2`` the scheme then balances energies to rounding, as
 for linear bonds.

@@ -22,7 +22,8 @@ class LoadSteps(Storable):
 
     Masses are fictitious: all are multiplied by the number that makes the load step a stable time step. Damping is
     chosen from Rayleigh's quotient; the damping and the drag of the model play no part. Equilibrium depends on none of
-    them, but where a crack runs during a step, as under a load that is given, its path may.
+    them, but where a crack runs during a step, as under a load that is given, its path may, and so may slips of faces
+    with friction.
 
     Parameters
     ----------
