@@ -25,6 +25,7 @@ extensions = [
     "sphinx_copybutton",
     "mathml",
     "generated",
+    "mentions",
 ]
 exclude_patterns = ["_extensions", "_templates", "generated"]
 templates_path = ["_templates"]

@@ -31,6 +31,7 @@ SEEN = {  # pages that a browser opens, and words in their titles
 }
 sys.path.insert(0, str(DOCS / "_extensions"))
 key_page = importlib.import_module("keys")  # the extension that generates the page of keys
+mentions = importlib.import_module("mentions")
 sys.path.pop(0)
 PROGRAMS = sorted(p for p in (DOCS / "tutorials").iterdir() if p.suffix in (".py", ".toml"))
 
@@ -70,6 +71,15 @@ def test_examples_of_keys_are_of_their_kind(name, key):
 def test_each_public_name_is_in_the_reference():
     listed = re.findall(r"^   (\w+)$", (DOCS / "reference" / "api.md").read_text(), re.MULTILINE)
     assert sorted(listed) == sorted(fh.__all__)
+
+
+def test_public_names_lead_to_pages_that_use_them():
+    places = {name: mentions.mentions(name) for name in fh.__all__}
+    pages = {place for found in places.values() for place in found if not place.startswith("/gallery/")}
+    assert all((DOCS / f"{place[1:]}.md").is_file() for place in pages)
+    assert places["Ricker"][0] == "/howto/signals" and places["Crack"][0] == "/howto/cracks"
+    bare = {name for name in places if not places[name]}  # errors, and what functions return
+    assert all(name.endswith("Error") or name in ("Certificate", "Gradient", "Probes", "Expression") for name in bare)
 
 
 def test_each_example_script_has_a_picture_of_its_own():
