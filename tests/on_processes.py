@@ -258,6 +258,15 @@ CASES |= {
         plane(initial={}, cracks=CRACKS, sources=[fh.IncidentWave((1.0, 0.4), ARRIVES, 6.0)]),
         ALONG_Y,
     ),
+    "an incident wave in strata": (
+        plane(
+            fh.Wave(KERNEL, speed="where(y > 2.5, 0.8, 1)", density="where(y > 2.5, 0.9, 1)"),
+            initial={},
+            cracks=CRACKS,
+            sources=[fh.IncidentWave((1.0, 1.4), ARRIVES, 6.0)],
+        ),
+        ALONG_X + ALONG_Y,
+    ),
 }
 #: One case of each kind.
 FEW = ("wave", "breaking, nonlinear", "metal that corrodes", "space")

@@ -125,12 +125,12 @@ def test_two_waves_add_up():
     assert np.abs(both - one - two).max() < 1e-13
 
 
-def test_restored_runs_are_bitwise_the_same(tmp_path):
+@pytest.mark.parametrize("young", [2.0, "where(y > 2.2, 1.2, 2)"], ids=["uniform", "strata"])
+def test_restored_runs_are_bitwise_the_same(tmp_path, young):
     lattice = fh.Lattice(spacing=1.0, lower=(-12, -12), upper=(12, 12))
     wave = fh.IncidentWave((1.0, 0.5), _SIGNAL, _DURATION, "S")
-    sim = fh.Simulation(
-        lattice, _bonds(2.5), fh.LatticePML(nodes=8), sources=[wave], cracks=[[(-2.5, 0.5), (2.5, 0.5)]]
-    )
+    model, crack = _bonds(2.5, young=young), [[(-2.5, 0.5), (2.5, 0.5)]]
+    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), sources=[wave], cracks=crack)
     sim.run(until=50.0)
     sim.save(tmp_path / "run.ckpt")
     again = fh.Simulation.restore(tmp_path / "run.ckpt")
@@ -164,11 +164,8 @@ def test_bad_input():
     _refused("is zero", wave={"signal": lambda t: 0.0})
     _refused("must be finite", wave={"signal": lambda t: np.inf})
     _refused("a crack reaches", cracks=[[(-7.0, 0.5), (0.0, 0.5)]])
-    _refused(
-        "not uniform",
-        model=fh.Wave(fh.Kernel(2.5)),
-        coefficient=np.where(np.arange(25)[:, None] < 5, 1.0, 0.5) * np.ones((25, 25)),
-    )
+    corner = np.where(np.arange(25) < 5, 1.0, 0.5)
+    _refused("not uniform", model=fh.Wave(fh.Kernel(2.5)), coefficient=np.maximum.outer(corner, corner))
     _refused("undamped medium", model=fh.Wave(fh.Kernel(2.5), damping=0.1))
     _refused("undamped medium", model=fh.Diffusion(fh.Kernel(2.5)))
     space = fh.Lattice(1.0, (-6,) * 3, (6,) * 3)
@@ -223,7 +220,9 @@ def _under_a_surface(half, dim=2, side=1):
 def _states(reach, poisson, **constants):
     """Return a state-based material, or a correspondence material if a stabilisation is given."""
     material = "correspondence" if "stabilisation" in constants else "state-based"
-    return fh.Elastic(fh.Kernel(reach), 2.0, poisson, **{"density": 0.2, "material": material, **constants})
+    return fh.Elastic(
+        fh.Kernel(reach), poisson=poisson, **{"young": 2.0, "density": 0.2, "material": material, **constants}
+    )
 
 
 _AT_A_SURFACE = {
@@ -242,17 +241,75 @@ _AT_A_SURFACE = {
 }
 
 
+def _above(level, upper, lower):
+    """A constant of two media, one of them above a level of the last axis."""
+    return lambda *places: np.where(places[-1] > level, upper, lower)
+
+
+#: As above, where the medium differs above a level; the first ones have no free side.
+_IN_STRATA = {
+    "scalar, open": (fh.Wave(fh.Kernel(2.0), speed=_above(2.5, 0.7, 1.0)), (1.0, 0.7), "P", 0),
+    "states, open, from above": (
+        _states(2.0, _above(0.5, 0.35, 0.28), young=_above(0.5, 1.5, 2.0), density=_above(0.5, 0.17, 0.2)),
+        (1.0, -1.7),
+        "S",
+        0,
+    ),
+    "differences": (
+        fh.Wave(fh.Stencil.finite_difference(2), speed=_above(-6.5, 0.6, 1.0), density=_above(-6.5, 0.7, 1.0)),
+        (1.0, 1.7),
+        "P",
+        1,
+    ),
+    "P in bonds": (_bonds(2.5, young=_above(-6.5, 1.4, 2.0), density=_above(-6.5, 0.3, 0.5)), (1.0, 1.7), "P", 1),
+    "S in states": (
+        _states(2.0, _above(-6.5, 0.35, 0.25), young=_above(-6.5, 1.5, 2.0), density=_above(-6.5, 0.17, 0.2)),
+        (1.0, 1.7),
+        "S",
+        1,
+    ),
+    "P in a correspondence material": (
+        _states(2.0, _above(-6.5, 0.3, 0.2), young=_above(-6.5, 1.5, 2.0), stabilisation=0.5),
+        (1.0, 1.7),
+        "P",
+        1,
+    ),
+    "S in space": (
+        _bonds(1.5, young=_above(-4.5, 1.5, 2.0), density=_above(-4.5, 0.17, 0.2)),
+        (1.0, 0.3, 1.5),
+        (-0.3, 1.0, 0.0),
+        1,
+    ),
+}
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _AT_A_SURFACE]
 )
 def test_with_what_a_surface_sends_back_nothing_leaves_the_box(name):
-    model, direction, polarisation, side = _AT_A_SURFACE[name]
+    _check_that_nothing_leaves_the_box(*_AT_A_SURFACE[name])
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _IN_STRATA]
+)
+def test_with_what_strata_do_to_the_wave_nothing_leaves_the_box(name):
+    _check_that_nothing_leaves_the_box(*_IN_STRATA[name])
+
+
+def _check_that_nothing_leaves_the_box(model, direction, polarisation, side):
+    """Check that the field is the incident wave inside the box, and zero outside; side 0 is no free one."""
     dim = len(direction)
-    lattice, sides = _under_a_surface(16 if dim == 2 else 9, dim, side)
+    half = 16 if dim == 2 else 9
+    if side:
+        lattice, sides = _under_a_surface(half, dim, side)
+    else:
+        lattice, sides = fh.Lattice(1.0, (-half,) * dim, (half,) * dim), fh.LatticePML(nodes=3)
     sim = fh.Simulation(lattice, model, sides, sources=[fh.IncidentWave(direction, _SIGNAL, _DURATION, polarisation)])
     box = sim.incident[0].wave.within
-    assert (box.upper if side > 0 else box.lower)[-1] == 0
+    assert not side or (box.upper if side > 0 else box.lower)[-1] == 0
     inside, seen = _mask(sim), 0.0
     for t in (30.0, 56.0, 60.0, 64.0, 90.0, 150.0):
         sim.run(until=t)
@@ -305,6 +362,43 @@ def test_before_the_reflection_comes_the_wave_of_the_open_medium():
     found, expected = (run.incident[0].field(12.0)[:, 8:41, 4:14] for run in (at_surface, in_the_open))
     assert np.abs(expected).max() > 0.5
     assert np.abs(found - expected).max() < 1e-4  # the signal is 1e-6 where it is cut off, and so contains short waves
+
+
+@pytest.mark.parametrize("free", [True, False], ids=["free", "open"])
+def test_before_it_comes_to_strata_the_wave_is_that_of_the_open_medium(free):
+    """Below strata its signal is where it first meets the box; from above the direction is opposite."""
+    up = 1 if free else -1
+    lattice = fh.Lattice(1.0, (-24, -24), (24, 0 if free else 24))
+    wave = fh.IncidentWave((1.0, 2.0 * up), "sin(2*pi*t/16)*exp(-((t-15)/4)**2)", 30.0)
+    sides = {"all": fh.LatticePML(nodes=3)} | ({"y+": fh.Free()} if free else {})
+    young = _above(-4.5, 1.0, 2.0) if free else _above(3.5, 2.0, 1.0)
+    strata = fh.Simulation(lattice, _bonds(2.5, young=young), sides, sources=[wave])
+    box = strata.incident[0].wave.within
+    in_the_open = fh.Lattice(1.0, (-24, -24), (24, 24))
+    wave = fh.IncidentWave(wave.direction, wave.signal, wave.duration, within=fh.Box(box.lower, (box.upper[0], 20.0)))
+    alone = fh.Simulation(in_the_open, _bonds(2.5), fh.LatticePML(nodes=3), sources=[wave])
+    rows = slice(4, 12) if free else slice(36, 44)
+    found, expected = (run.incident[0].field(12.0)[:, 8:41, rows] for run in (strata, alone))
+    assert np.abs(expected).max() > 0.2  # its first part has come
+    assert np.abs(found - expected).max() < 1e-4  # the signal is 1e-6 where it is cut off, and so contains short waves
+
+
+def test_waves_in_strata_that_are_refused():
+    """Layers that are not parallel to the surface, and waves along layers."""
+    lattice, sides = _under_a_surface(16)
+    upright, level = (_bonds(2.5, young=lambda x, y, a=a: np.where((x, y)[a] > -4.5, 1.0, 2.0)) for a in (0, 1))
+
+    def refused(match, model, wave):
+        with pytest.raises(fh.InputError, match=match):
+            fh.Simulation(lattice, model, sides, sources=[wave])
+
+    refused("not uniform.*parallel to the free side", upright, fh.IncidentWave((1.0, 1.0), _SIGNAL, _DURATION))
+    refused(
+        "not come to the surface",
+        level,
+        fh.IncidentWave((1.0, 0.0), _SIGNAL, _DURATION, within=fh.Box((-9, -9), (9, 0))),
+    )
+    refused("one of a uniform half-space", level, fh.RayleighWave((1.0, 0.0), _SIGNAL, _DURATION))
 
 
 def test_a_wave_onto_a_wall_is_refused_with_the_reason():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.shell import Shell
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.stratified_medium import StratifiedMedium
 from helpers import kernel_stencil, roll_apply
 
 
@@ -39,7 +39,7 @@ def test_forces_are_those_of_both_products(stencil):
 def test_of_nodes_that_do_not_exist_nothing_is_asked():
     """A box that extends beyond the last row is open there: the forces are those without the bonds through it."""
     stencil, shape = kernel_stencil(2, 2), (14, 12)
-    shell = Shell(stencil, (4, 5), (9, 13), FreeSide(stencil, 1, 1, 11))
+    shell = Shell(stencil, (4, 5), (9, 13), StratifiedMedium(stencil, 1, 1, 11))
     assert shell.nodes.max(0).tolist() == [11, 11] and (shell.nodes >= 0).all()
     inside = np.zeros(shape)
     inside[4:10, 5:] = 1

@@ -1,10 +1,11 @@
-"""Waves of a half-infinite lattice that ends at a free surface: the reflection of a plane wave, and waves that run
-along the surface.
+"""Waves of a half-infinite lattice that ends at a free surface, or has strata on top, or both: what a plane wave from
+below becomes there, and waves that run along a surface.
 
 Along the surface a wave has a wavenumber, so that the medium below is a column of rows: a chain of blocks. The first
 row is the surface; bonds beyond it are absent. Far down a wave is a sum of the modes of the infinite chain, ``v
-zeta^-q`` in row q, and the rows near the surface obey their own equations: one linear system for these rows and for the
-amplitudes of the modes that leave. A wave along the surface is a solution without an incoming mode.
+zeta^-q`` in row q, and the rows above obey their own equations: one linear system for these rows and for the amplitudes
+of the modes that leave. Where the medium goes on above the first row, it carries modes that leave upwards. A wave along
+the surface is a solution without an incoming mode.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
 
 from farhorizon.analysis.layers.chain_modes import chain_roots, chain_weights
 from farhorizon.errors import InputError
-from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.stratified_medium import StratifiedMedium
 
 _UNIT = 1e-7  # a mode whose factor has a modulus nearer to 1 propagates
 _ROWS = 4  # smallest number of rows that are unknowns themselves: a mode that is not found is negligible below them
@@ -48,16 +50,16 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
-    """The half-infinite lattice below a free surface, in units of the stencil; the normal is the first of all axes and
-    components.
+    """The lattice below a free surface or below the first row of strata, in units of the stencil; the normal is the
+    first of all axes and components.
     """
 
-    end: FreeSide
+    end: StratifiedMedium
 
     @cached_property
     def stencil(self) -> Stencil:
         """Stencil of the medium inside."""
-        return self.end.stencil.along(self.end.axis)
+        return self.end.inside.along(self.end.axis)
 
     @property
     def side(self) -> int:
@@ -88,7 +90,7 @@ class HalfSpace:
         return blocks.swapaxes(0, 1)
 
     def _modes(self, blocks: np.ndarray, squared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Factors downward, polarisations and speeds of the modes that leave the surface."""
+        """Factors downward, polarisations and speeds of the modes that go down from the surface."""
         roots, vectors = chain_roots(blocks, complex(-squared))
         powers = np.arange(len(blocks)) - self.reach
         slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
@@ -99,36 +101,70 @@ class HalfSpace:
         return 1 / roots[leaves], vectors[leaves], np.where(travels, -speed, np.inf)[leaves]
 
     def _system(self, along: np.ndarray, squared: float, count: int) -> np.ndarray:
-        """The equations of the first ``count + K`` rows as a matrix that acts on the first ``count + 2 K`` rows."""
-        d, reach, rows = self.stencil.components, self.reach, self._rows(along)
-        matrix = np.zeros(((count + reach), d, (count + 2 * reach), d), complex)
-        for row in range(count + reach):
-            for up in range(-reach, min(reach, row) + 1):
-                matrix[row, :, row - up] += rows[min(row, reach), up + reach]
-            matrix[row, :, row] += squared * np.eye(d)
-        return matrix.reshape((count + reach) * d, -1)
+        """The equations of the first ``count + K`` rows as a matrix that acts on the first ``count + 2 K`` rows; if the
+        medium goes on above, preceded by those of K rows there, which act on 2 K rows there.
+        """
+        d, reach, blocks = self.stencil.components, self.reach, self._rows(along)
+        rows = np.arange(-reach if self.end.open else 0, count + reach)
+        first = rows[0] - reach if self.end.open else 0
+        matrix = np.zeros((len(rows), d, count + 2 * reach - first, d), complex)
+        number, of_row = np.arange(len(rows)), np.clip(rows, 0, len(blocks) - 1)
+        for up in range(-reach, reach + 1):
+            there = rows - up >= first
+            matrix[number[there], :, (rows - up - first)[there]] += blocks[of_row[there], up + reach]
+        matrix[number, :, rows - first] += squared * np.eye(d)
+        return matrix.reshape(len(rows) * d, -1)
 
     def _unknowns(self, along: np.ndarray, squared: float) -> tuple[np.ndarray, ...]:
-        """The system for the first rows and the amplitudes of the modes below, the system for all rows, and the modes:
-        factors, vectors, speeds.
+        """The system for the first rows and the amplitudes of the modes below, and above if the medium goes on there,
+        the system for all rows, and the modes below: factors, vectors, speeds.
         """
         factors, vectors, speeds = self._modes(self._blocks(along), squared)
         d, count = self.stencil.components, self.unknown_rows
         equations = self._system(along, squared, count)
         below = (factors[:, None] ** np.arange(2 * self.reach))[:, :, None] * vectors[:, None]
-        system = np.concatenate(
-            [equations[:, : count * d], equations[:, count * d :] @ below.reshape(len(factors), -1).T], 1
-        )
-        return system, equations, factors, vectors, speeds
+        above = self._above * d
+        parts = [
+            equations[:, above : above + count * d],
+            equations[:, above + count * d :] @ below.reshape(len(factors), -1).T,
+        ]
+        if above:
+            upwards, polarisations, _ = self._modes(self._rows(along)[0, ::-1], squared)
+            powers = upwards[:, None] ** np.arange(self._above)[::-1]
+            parts.append(equations[:, :above] @ (powers[:, :, None] * polarisations[:, None]).reshape(-1, above).T)
+        return np.concatenate(parts, 1), equations, factors, vectors, speeds
 
     @property
     def unknown_rows(self) -> int:
-        """Number of rows that are unknowns themselves."""
-        return max(2 * self.reach, _ROWS)
+        """Number of rows that are unknowns themselves: below them only the medium inside is found."""
+        return max(2 * self.reach, _ROWS, len(self.end.weights) - 1 - self.reach)
+
+    @property
+    def _above(self) -> int:
+        """Number of rows above the first one that occur in the system."""
+        return 2 * self.reach if self.end.open else 0
+
+    def _solved(self, system: np.ndarray, right: np.ndarray, modes: int) -> np.ndarray:
+        """Solution of a system of `_unknowns`, which may have more equations than unknowns; `modes` are below."""
+        scale = np.abs(system).max(0)
+        matrix, ends = system / scale, self.reach * self.stencil.components
+        if self.end.strata is None:
+            return np.asarray(linalg.lstsq(matrix, right)[0] / scale)
+        # The equations of the K rows beyond the unknown ones on a side have the rank of the modes there, which is less
+        # than their number where the outermost weights are singular: what is left is a sparse square system
+        above = matrix.shape[1] - self.unknown_rows * self.stencil.components - modes
+        last = len(matrix) - ends
+        parts = [(slice(last, None), modes)] + [(slice(ends), above)] * self.end.open
+        kept, sides = [matrix[ends if self.end.open else 0 : last]], [right[ends if self.end.open else 0 : last]]
+        for rows, rank in parts:
+            independent = np.linalg.svd(matrix[rows])[0][:, :rank].conj().T
+            kept.append(independent @ matrix[rows])
+            sides.append(independent @ right[rows])
+        return np.asarray(splu(sparse.csc_array(np.concatenate(kept))).solve(np.concatenate(sides)) / scale)
 
     def total(self, squared: float, along: np.ndarray, root: complex, vector: np.ndarray) -> Column:
-        """A plane wave together with its reflection by the surface; an InputError if the wave does not come to the
-        surface.
+        """A plane wave together with what it becomes at the surface and in strata; an InputError if the wave does not
+        come to the surface.
 
         `squared` is the squared frequency, in units of ``coefficient / spacing^2``, `along` (dim - 1,) the wavenumbers
         along the surface times spacing, `root` the factor of the incoming wave from one row to the next one up, and
@@ -146,10 +182,9 @@ class HalfSpace:
         rows = np.arange(count + 2 * self.reach)
         wave = root ** -rows.astype(float)[:, None] * vector
         # the unknowns of the first rows are the total field, those below are the leaving waves
-        right = -equations[:, count * d :] @ wave[count:].ravel()
-        scale = np.abs(system).max(0)
-        unknowns = linalg.lstsq(system / scale, right)[0] / scale
-        top, amplitudes = unknowns[: count * d].reshape(count, d), unknowns[count * d :]
+        right = -equations[:, (self._above + count) * d :] @ wave[count:].ravel()
+        unknowns = self._solved(system, right, len(factors))
+        top, amplitudes = unknowns[: count * d].reshape(count, d), unknowns[count * d : count * d + len(factors)]
         return Column(
             top,
             np.append(factors, 1 / root),

@@ -1,5 +1,5 @@
-"""Pulses in a half-infinite lattice with a free surface: plane pulses with their reflection by the surface, and pulses
-that run along it.
+"""Pulses in a lattice with a free surface, or strata, or both: plane pulses with what they become there, and pulses
+that run along a surface.
 
 Both are sums of waves that solve the equations of the lattice and of velocity Verlet exactly (`half_space`). They are
 periodic, with a period long enough for everything that travels to have left. Where the reflected waves have phases of
@@ -25,10 +25,12 @@ from farhorizon.analysis.references.pulse import (
     steps_of,
 )
 from farhorizon.errors import InputError
-from farhorizon.medium.free_side import FreeSide
+from farhorizon.medium.stratified_medium import StratifiedMedium
 
 _TAIL = 1e-9  # part of the signal that may be left between two periods of a pulse without a tail
 _SPARE, _LONGER = 1.5, (2.0, 4.0)  # periods over the shortest possible one, and longer ones over the first of these
+# With strata, what rings in them decays exponentially: twice the period squares it, while there is memory.
+_RINGING = tuple(2.0**power for power in range(1, 9))
 _HELPS = 0.25  # a longer period that leaves more than this part of the tail does not help
 _PROBES = 9  # times at which the tail is evaluated
 _LONG = 1e-2  # wavenumber times spacing of a long wave
@@ -37,18 +39,18 @@ _RAYLEIGH = 0.9  # approximate speed of Rayleigh waves over that of S waves
 
 @dataclass(frozen=True, eq=False)
 class FreeSurface:
-    """A free surface across an axis of a lattice, and the rows below it in which a pulse is needed."""
+    """The first row of a medium across an axis of a lattice, and the rows in which a pulse is needed."""
 
     scheme: Scheme
-    end: FreeSide
+    end: StratifiedMedium
     spacing: float
-    level: float  # coordinate of the nodes of the surface
-    rows: int  # from the surface down, in which the pulse is needed
+    level: float  # coordinate of the nodes of the first row
+    rows: int  # from the first row down, in which the pulse is needed
     depth: int  # of the box, in rows
 
     @property
     def half_space(self) -> HalfSpace:
-        """The medium below the surface."""
+        """The medium as a chain of rows."""
         return HalfSpace(self.end)
 
     def normal_first(self, vector: np.ndarray) -> np.ndarray:
@@ -74,6 +76,16 @@ class FreeSurface:
         along = [_LONG, *[0.0] * (self.scheme.stencil.dim - 1)]
         branches = self.scheme.stencil.along(self.end.axis).branches(*along)
         return float(np.sqrt(self.scheme.rate * branches.min()) / _LONG)
+
+    @property
+    def longer(self) -> tuple[float, ...]:
+        """Periods to be tried, over the shortest."""
+        return _LONGER if self.end.strata is None else _RINGING
+
+    @property
+    def delay(self) -> float:
+        """Time in which the slowest long waves pass all strata straight."""
+        return 0.0 if self.end.strata is None else float(self.end.strata.slowness.sum() / self.slowest)
 
     def along(self, direction: np.ndarray) -> tuple[np.ndarray, float]:
         """Projection of a unit vector on the surface, as a unit vector in space, and its length."""
@@ -102,11 +114,11 @@ def reflected_pulse(
     way: tuple[float, float],
     samples: np.ndarray,
 ) -> SurfacePulse:
-    """A plane pulse that comes to a surface in a direction (dim,) of length 1, together with its reflection; an
-    InputError if it does not come to the surface.
+    """A plane pulse that comes to a surface or strata in a direction (dim,) of length 1, together with what it becomes
+    there; an InputError if it does not come to them.
 
-    `make` maps a period to the pulse in the unbounded medium. `way` is the distance from the origin, along its path, at
-    which it has its signal, and the distance to which it travels; `samples` is the signal at the time steps.
+    `make` maps a period to the pulse in the unbounded medium inside. `way` is the distance from the origin, along its
+    path, at which it has its signal, and the distance to which it travels; `samples` is the signal at the time steps.
     """
     half_space = surface.half_space
     tangent, length = surface.along(direction)
@@ -187,9 +199,9 @@ def _with_a_small_tail(
     The shortest is one and a half times the time in which the slowest long wave passes the box along the path and down.
     """
     passed = (way[1] - way[0]) / surface.spacing + surface.depth
-    least = _SPARE * (samples.size * surface.scheme.dt + passed / surface.slowest)
+    least = _SPARE * (samples.size * surface.scheme.dt + passed / surface.slowest + surface.delay)
     pulse = pulse_of_period(least)
-    for factor in _LONGER:
+    for factor in surface.longer:
         if pulse.tail <= _TAIL:
             break
         longer = pulse_of_period(factor * least)

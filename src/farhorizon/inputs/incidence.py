@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,14 +18,14 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Box, Cut
 from farhorizon.medium.force_states import ForceStates
-from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.shell import Shell
+from farhorizon.medium.stratified_medium import StratifiedMedium
 
 End = tuple[int, int]  # axis and side, -1 or +1
 _CLOSE = 1e-6  # of a spacing: places closer to each other than this coincide
 _ACROSS_LAYERS = (
-    "no size of the near field helps where a layer leaves through a side; for a wave that travels across all layers, a "
-    "1D lattice, or Periodic sides along them, with a source on one plane; oblique plane waves are not available there"
+    "no size of the near field helps where another medium leaves through a side, unless it is a layer parallel to the "
+    "free side on which the box stands, or, if it stands on none, to any side, and lies so at all faces"
 )
 
 
@@ -35,20 +34,11 @@ class Region:
     """The box of an incident wave on a lattice, and the medium there."""
 
     lattice: Lattice
-    scheme: Scheme  # scheme of the medium at the faces of the box and outside
+    scheme: Scheme  # scheme of the medium at the faces of the box and outside; with strata, of that below them
     first: np.ndarray  # of int, shape (dim,); smallest and largest index of the box along each axis
     last: np.ndarray
-    surface: End | None = None  # the free side on which the box stands
-    states: ForceStates | None = None  # force states of the medium, if its forces do not follow from bonds alone
-
-    @cached_property
-    def end(self) -> FreeSide | None:
-        """The end of the medium at the free side on which the box stands; None if it stands on none."""
-        if self.surface is None:
-            return None
-        axis, side = self.surface
-        edge = 0 if side < 0 else self.lattice.shape[axis] - 1
-        return FreeSide(self.scheme.stencil, axis, side, edge, self.states)
+    #: The medium with the free side on which the box stands, or with strata; None if it is the same everywhere.
+    end: StratifiedMedium | None = None
 
     def along(self, axis: int, part: Lattice) -> tuple[int, int]:
         """First node along an axis and the one after the last, as counted in a part of the lattice."""
@@ -63,17 +53,17 @@ class Region:
     @property
     def shell(self) -> Shell:
         """Shell of the box, the nodes with a bond through a face; there is no face where the medium ends."""
-        first, last = self.first.copy(), self.last.copy()
-        if self.surface is not None:
-            axis, side = self.surface
-            (first if side < 0 else last)[axis] += side * self.scheme.stencil.reach[axis]
+        first, last, end = self.first.copy(), self.last.copy(), self.end
+        if end is not None and not end.open:
+            (first if end.side < 0 else last)[end.axis] += end.side * self.scheme.stencil.reach[end.axis]
         return Shell(self.scheme.stencil, first, last, self.end)
 
-    def under(self, end: FreeSide) -> FreeSurface:
-        """The surface at a free side, with the medium below it."""
+    def under(self, end: StratifiedMedium) -> FreeSurface:
+        """The first row of the medium, with the rows below it."""
         axis, side = end.axis, end.side
-        level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
-        rows, depth = self.lattice.shape[axis], int(self.last[axis] - self.first[axis]) + 1
+        beyond = -end.edge if side < 0 else end.edge + 1 - self.lattice.shape[axis]  # rows before those of the lattice
+        level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis] + side * beyond * self.lattice.spacing
+        rows, depth = self.lattice.shape[axis] + beyond, int(self.last[axis] - self.first[axis]) + 1
         return FreeSurface(self.scheme, end, self.lattice.spacing, float(level), rows, depth)
 
     def places(self, nodes: np.ndarray) -> np.ndarray:
@@ -164,6 +154,10 @@ class Incident(Registered, Storable, ABC):
     def velocities(self, times: np.ndarray) -> np.ndarray | None:
         """Rates of change of its signal at some equidistant times, up to a factor; None if it has no signal."""
         return None
+
+    def heads(self, axis: int) -> int:
+        """Direction along an axis, -1 or +1, in which the wave travels through strata; +1 if it matters not."""
+        return 1
 
     def surface_met(self, free: Sequence[End]) -> End | None:
         """The free side on which the box stands if no box is given; None for most waves."""
@@ -275,14 +269,25 @@ def standing_on(box: Box, lattice: Lattice, free: Sequence[End]) -> list[End]:
 
 
 def region_of(
-    box: Box, lattice: Lattice, scheme: Scheme, free: Sequence[End] = (), states: ForceStates | None = None
+    box: Box,
+    lattice: Lattice,
+    scheme: Scheme,
+    free: Sequence[End] = (),
+    states: ForceStates | None = None,
+    strata: StratifiedMedium | None = None,
 ) -> Region:
-    """Region of a box, which may stand on one of the free sides, in a medium."""
+    """Region of a box, which may stand on one of the free sides, in the uniform medium of a scheme, or in strata."""
     low, high = (np.asarray(bound, float) for bound in box.bounds())
     first = np.ceil((low - lattice.lower) / lattice.spacing - _CLOSE).astype(int)
     last = np.floor((high - lattice.lower) / lattice.spacing + _CLOSE).astype(int)
     surfaces = standing_on(box, lattice, free)
-    return Region(lattice, scheme, first, last, surfaces[0] if surfaces else None, states)
+    if strata is None and surfaces:
+        axis, side = surfaces[0]
+        edge = 0 if side < 0 else lattice.shape[axis] - 1
+        return Region(lattice, scheme, first, last, StratifiedMedium(scheme.stencil, axis, side, edge, states))
+    if strata is not None:
+        scheme = replace(scheme, stencil=strata.inside)
+    return Region(lattice, scheme, first, last, strata)
 
 
 class Incidence:
@@ -290,7 +295,7 @@ class Incidence:
 
     The sources :math:`\chi L u_i - L (\chi u_i)` of the incident wave :math:`u_i`, where :math:`\chi` is 1 inside the
     box and 0 outside, require the wave only on the nodes with a bond through a face (`farhorizon.medium.shell.Shell`).
-    The scheme and the states are those of the medium outside the box, which the wave satisfies.
+    The scheme and the states, or the strata, are those of the medium outside the box, which the wave satisfies.
     """
 
     def __init__(
@@ -300,14 +305,18 @@ class Incidence:
         scheme: Scheme,
         free: Sequence[End] = (),
         states: ForceStates | None = None,
+        strata: StratifiedMedium | None = None,
     ) -> None:
         assert wave.within is not None
         self.wave, self._lattice, self._dt = wave, lattice, scheme.dt
-        self.region = region_of(wave.within, lattice.whole, scheme, free, states)
+        self.region = region_of(wave.within, lattice.whole, scheme, free, states, strata)
         self.passage = wave.passage(self.region)
         shell, self._components = self.region.shell, scheme.stencil.components
         mine, self._nodes = self._own(shell.nodes)
         joins = (-scheme.rate * shell.commutator).tocsr()[np.tile(mine, self._components)]
+        if strata is not None and strata.strata is not None:  # from accelerations to the forces on the nodes
+            masses = strata.strata.density_at(strata.row(shell.nodes[mine]))
+            joins = (joins.T * np.tile(masses, self._components)).T.tocsr()
         # forces on nodes of another part are left to that part
         acting = np.zeros(joins.shape[1], bool)
         acting[joins.indices] = True
@@ -352,21 +361,23 @@ class Incidence:
         return values.reshape((self._components, *shape) if self._components > 1 else shape)
 
 
-def check_scatterers(
+def medium_outside(
     wave: Incident,
     lattice: Lattice,
     reach: Sequence[int],
     cuts: Sequence[Cut],
     material: np.ndarray,
+    constants: np.ndarray,
     free: Sequence[End],
     gather: Callable[[Any], list[Any]],
-) -> float:
-    """Return the factor on the bonds outside the box, after a check that cracks, holes and other materials are inside
-    it, at least two reaches from its faces.
+) -> float | tuple[int, np.ndarray]:
+    """Return the factor on the bonds outside the box, or, if there are strata, their normal and the constants of each
+    row along it, (rows, P), after a check that cracks, holes and whatever else scatters are inside it, at least two
+    reaches from its faces.
 
-    `material` is the factor on the bonds in this part of the lattice, nan where there are no nodes. The box may stand
-    on one of the free sides: it has no face there. `gather` returns the values of all processes, given that of this
-    one.
+    `material` is the factor on the bonds in this part of the lattice, nan where there are no nodes, and `constants` (P,
+    ..) is all that may differ between strata, nan where there are no nodes. The box may stand on one of the free sides:
+    it has no face there. `gather` returns the values of all processes, given that of this one.
     """
     assert wave.within is not None
     whole_lattice, close = lattice.whole, _CLOSE * lattice.spacing
@@ -396,16 +407,40 @@ def check_scatterers(
     unlike = lattice.lower + lattice.spacing * np.argwhere(~inner & ~(material == first))
     leaving = ((unlike < whole_lattice.lower + close) | (unlike > whole_lattice.upper - close)).any(1)
     mine = [(bool(leaving[at]), unlike[at].tolist()) for at in ([int(leaving.argmax())] if len(unlike) else [])]
-    if unlike_of_all := [entry for entries in gather(mine) for entry in entries]:
-        leaves, place = max(unlike_of_all, key=lambda entry: entry[0])
-        raise InputError(
-            "the medium is not uniform near the faces of an incident wave's box, or beyond",
-            value=f"another one at {shown(place)}",
-            limit=limit,
-            key="incident.within",
-            remedy=_ACROSS_LAYERS if leaves else "enlarge the near field, or the box if it is given",
-        )
-    return float(first)
+    unlike_of_all = [entry for entries in gather(mine) for entry in entries]
+    if not unlike_of_all:
+        return float(first)
+    for axis in [axis for axis, _ in open_sides] or range(lattice.dim):
+        rows = _constants_by_row(constants, ~inner, axis, lattice, gather)
+        if rows is not None:
+            return axis, rows
+    leaves, place = max(unlike_of_all, key=lambda entry: entry[0])
+    raise InputError(
+        "the medium is not uniform near the faces of an incident wave's box, or beyond",
+        value=f"another one at {shown(place)}",
+        limit=limit,
+        key="incident.within",
+        remedy=_ACROSS_LAYERS if leaves else "enlarge the near field, or the box if it is given",
+    )
+
+
+def _constants_by_row(
+    constants: np.ndarray, outside: np.ndarray, axis: int, lattice: Lattice, gather: Callable[[Any], list[Any]]
+) -> np.ndarray | None:
+    """Constants (P, ..) of each row along an axis, (rows, P), if they are the same at all nodes of the row outside a
+    box; None if they are not. Rows without nodes outside it have those of any node.
+    """
+    counts = lattice.whole.shape[axis]
+    across = np.moveaxis(constants, 1 + axis, 1).reshape(len(constants), lattice.shape[axis], -1)
+    beyond = np.moveaxis(outside, axis, 0).reshape(lattice.shape[axis], -1)
+    chosen = np.take_along_axis(across, beyond.argmax(1)[None, :, None], 2)[..., 0].T
+    numbers = lattice.first[axis] + np.arange(lattice.shape[axis])
+    rows = np.full((counts, len(constants)), np.nan)
+    for has_outside in (False, True):  # the latter overwrites
+        for of_part, values, there in gather((numbers, chosen, beyond.any(1))):
+            rows[of_part[there == has_outside]] = values[there == has_outside]
+    alike = (across == rows[numbers].T[:, :, None]) | ~beyond
+    return rows if all(gather(bool(alike.all()))) and np.isfinite(rows).all() else None
 
 
 def check_within(within: Any) -> None:

@@ -20,7 +20,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.expressions import Expression, as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
 from farhorizon.inputs.signals import Signal
-from farhorizon.medium.free_side import FreeSide
+from farhorizon.medium.stratified_medium import StratifiedMedium
 
 _POLARISATIONS = ("P", "S")
 _ALONG = 1e-9  # component of a unit vector along a normal up to which a wave runs along the side
@@ -96,6 +96,10 @@ class TravellingWave(Incident):
             )
         return super().resolved(lattice, reach, ends)
 
+    def heads(self, axis: int) -> int:
+        """Direction along an axis in which the wave travels."""
+        return -1 if self.along[axis] < 0 else 1
+
     def way(self, region: Region) -> tuple[float, float]:
         """Range of the coordinate along the direction, from the origin, in which the wave is inside the box."""
         ends = region.places(np.stack([region.first, region.last]))
@@ -104,16 +108,16 @@ class TravellingWave(Incident):
 
 
 class SurfacePassage(Passage):
-    """A pulse in a half-space."""
+    """A pulse at a free surface, or in strata."""
 
-    def __init__(self, pulse: SurfacePulse, region: Region, end: FreeSide) -> None:
+    def __init__(self, pulse: SurfacePulse, region: Region, end: StratifiedMedium) -> None:
         self._pulse, self._region, self._end = pulse, region, end
         self.period, self.tail = pulse.period, pulse.tail
         self.notes = lost_notes(pulse.lost)
         if pulse.tail > _SAID:
             self.notes.append(
-                f"an incident wave at a free surface has a tail before and after it, of {pulse.tail:.1g} of its "
-                f"signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
+                f"an incident wave at a free surface or in strata has a tail before and after it, of {pulse.tail:.1g} of "
+                f"its signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
             )
 
     @cached_property
@@ -152,7 +156,7 @@ def _as_direction(direction: Any) -> Any:
 
 @dataclass(frozen=True)
 class IncidentWave(TravellingWave):
-    r"""A plane wave that is incident on whatever is inside a box, exact on the lattice.
+    r"""A plane wave that is incident on whatever is inside a box, exact on the lattice, also where it comes to strata.
 
     Inside the box `within` the field is the total field, outside it only the scattered field, which the absorbing sides
     absorb. On the faces of the box the two are joined by the sources :math:`\chi L u_i - L (\chi u_i)`, where the
@@ -173,7 +177,9 @@ class IncidentWave(TravellingWave):
     within : Box, optional
         Unless given, the near field minus two reaches of the stencil; if the wave travels towards a free side, the box
         extends to that side, and the incident wave includes everything that the surface reflects. The box must contain
-        everything that scatters, at least two reaches inside its faces.
+        everything that scatters, at least two reaches inside its faces. Strata parallel to that side, or to any side if
+        the box stands on none, are not scatterers if they continue through the faces of the box: the wave comes from
+        the medium that lies before them on its way, and includes what they reflect and transmit.
 
     Raises
     ------
@@ -214,7 +220,7 @@ class IncidentWave(TravellingWave):
         return met[0] if len(met) == 1 else None
 
     def passage(self, region: Region) -> Passage:
-        """The wave in the open medium, or including its reflection from the free side of the box."""
+        """The wave in the open medium, or including what it becomes at the free side of the box and in strata."""
         if region.end is None:
             return _PlanePassage(self, region)
         pulse = reflected_pulse(
@@ -367,6 +373,14 @@ class RayleighWave(TravellingWave):
                 limit="along a Free side that the box reaches",
                 key="incident.direction",
                 remedy="a Free side, a direction along it, and a box that reaches it",
+            )
+        if end.strata is not None:
+            raise InputError(
+                "a Rayleigh wave is one of a uniform half-space",
+                value="strata at the faces of its box",
+                limit="one medium outside the box",
+                key="incident",
+                remedy="an IncidentWave from below, or a record of a larger run",
             )
         if region.scheme.stencil.components == 1:
             raise InputError(

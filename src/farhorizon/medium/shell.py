@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.stratified_medium import StratifiedMedium
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -40,7 +40,8 @@ class Shell:
     stencil: Stencil
     first: ArrayLike
     last: ArrayLike
-    end: FreeSide | None = None  # at which the medium ends; a box that extends beyond it is open there
+    #: The medium where its weights depend on the row; a box that extends beyond its free side is open there.
+    end: StratifiedMedium | None = None
 
     @cached_property
     def nodes(self) -> np.ndarray:
@@ -68,15 +69,11 @@ class Shell:
     @property
     def _rows(self) -> np.ndarray:
         """Row of each node of the shell in `_weights`."""
-        return (
-            np.minimum(self.end.row(self.nodes), len(self._weights) - 1)
-            if self.end is not None
-            else 0 * self.nodes[:, 0]
-        )
+        return 0 * self.nodes[:, 0] if self.end is None else self.end.row_of_weights(self.nodes)
 
     def _exist(self, nodes: np.ndarray) -> np.ndarray:
         """Which nodes exist."""
-        return np.ones(len(nodes), bool) if self.end is None else self.end.row(nodes) >= 0
+        return np.ones(len(nodes), bool) if self.end is None else self.end.exists(nodes)
 
     def contains(self, nodes: np.ndarray) -> np.ndarray:
         """Which nodes, indices of shape (.., dim), are in the box."""

@@ -217,6 +217,16 @@ class NearField:
         return stiffness
 
     @property
+    def constants(self) -> np.ndarray:
+        """Factor on the bonds of each node, its density over that of the model, and, if they vary, the moduli of its
+        state, shape (2 or 5, ...); nan outside a body.
+        """
+        variation, lattice = self.variation, self.lattice
+        given = [np.ones(lattice.shape) if c is None else c for c in (variation.of_bonds, variation.density)]
+        constants = np.stack(given if variation.moduli is None else [*given, *variation.moduli])
+        return constants if lattice.existing is None else np.where(lattice.existing, constants, np.nan)
+
+    @property
     def busy(self) -> np.ndarray:
         """Nodes whose values are prescribed or held by a condition, as a mask of the lattice's shape."""
         busy = np.zeros(self.lattice.shape, bool)

@@ -14,7 +14,7 @@ from farhorizon.analysis.references.infinite_lattice import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.impactors import Impactor
-from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
+from farhorizon.inputs.incidence import Incidence, Incident, medium_outside, standing_on
 from farhorizon.inputs.loads import Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.pressure import Pressure, pressing_force
@@ -23,6 +23,7 @@ from farhorizon.inputs.sources import Source, as_source, by_component, largest_c
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.of_field import OfField
+from farhorizon.medium.stratified_medium import Strata, StratifiedMedium
 from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, keys, side_name
@@ -309,17 +310,17 @@ def incident_waves(
     """
     ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
-    whole_lattice, reach = setup.lattice.whole, near.stencil.reach
-    return [_arriving(wave.resolved(whole_lattice, reach, ends), near, ends, cuts, team) for wave in waves]
+    return [_arriving(wave, near, ends, cuts, setup.bond_rule, team) for wave in waves]
 
 
 class Arriving(NamedTuple):
     """An incident wave on its way to a near field."""
 
     wave: Incident  # the wave with its box
-    factor: float  # factor on the bonds outside the box
+    factor: float  # factor on the bonds outside the box; 1 if there are strata
     free: list[Key]  # free sides
     known: list[Key]  # the free sides on which the box stands
+    strata: StratifiedMedium | None  # strata outside the box
 
 
 def split_source_terms(sources: Sequence[tuple[str, Any]], near: NearField, exterior: Exterior) -> SourceTerms:
@@ -372,7 +373,7 @@ def scheme_of(near: NearField, factor: float) -> Scheme:
 
 
 def _arriving(
-    wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut], team: ProcessGroup
+    wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut], rule: str, team: ProcessGroup
 ) -> Arriving:
     lattice, model = near.lattice, near.model
     if not isinstance(model.integrator, Verlet) or (model.damping and wave.undamped):
@@ -386,10 +387,39 @@ def _arriving(
             remedy="a source, or initial data",
         )
     free = [key for key, is_free in ends.items() if is_free]
-    factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free, team.gather)
-    assert wave.within is not None
-    known = standing_on(wave.within, lattice.whole, free)
-    return Arriving(wave, factor, free, known)
+    constants = near.constants
+
+    def found(reach: Sequence[int]) -> tuple[Incident, float | tuple[int, np.ndarray]]:
+        placed = wave.resolved(lattice.whole, reach, ends)
+        return placed, medium_outside(placed, lattice, reach, cuts, near.material, constants, free, team.gather)
+
+    placed, medium = found(near.stencil.reach)
+    if isinstance(medium, tuple) and near.states is not None:  # the model's own stencil may have no states
+        placed, medium = found(2 * np.abs(near.states.offsets).max(0))
+    assert placed.within is not None
+    known = standing_on(placed.within, lattice.whole, free)
+    if not isinstance(medium, tuple):
+        return Arriving(placed, medium, free, known, None)
+    axis, rows = medium
+    side = known[0] if known else (axis, wave.heads(axis))
+    return Arriving(placed, 1.0, free, known, _strata(near, rule, rows, side, not known))
+
+
+def _strata(near: NearField, rule: str, rows: np.ndarray, end: Key, continued: bool) -> StratifiedMedium:
+    """Return a medium with given constants of the rows of the near field along an axis, down from one of its ends; if
+    it is continued beyond this end, the first rows are beyond it, as far as forces reach, and like the last one there.
+    """
+    (axis, side), beyond = end, 0
+    rows = rows if side < 0 else rows[::-1]
+    if continued:
+        beyond = near.stencil.reach[axis] if near.states is None else 2 * int(np.abs(near.states.offsets).max())
+        rows = np.concatenate([np.repeat(rows[:1], beyond, axis=0), rows])
+    differ = np.flatnonzero((rows != rows[-1]).any(1))
+    rows = rows[: differ[-1] + 2]
+    moduli = None if near.variation.moduli is None else rows[:, 2:]
+    strata = Strata(rows[:, 0], rows[:, 1], moduli, rule if moduli is None else "arithmetic")
+    edge = -beyond if side < 0 else near.lattice.whole.shape[axis] - 1 + beyond
+    return StratifiedMedium(near.stencil, axis, side, edge, near.states, strata, continued)
 
 
 def incidence(arriving: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
@@ -400,7 +430,7 @@ def incidence(arriving: Arriving, near: NearField, sides: Sides, notes: list[str
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not account for them")
     incidence_on_lattice = Incidence(
-        arriving.wave, near.lattice, scheme_of(near, arriving.factor), arriving.free, near.states
+        arriving.wave, near.lattice, scheme_of(near, arriving.factor), arriving.free, near.states, arriving.strata
     )
     notes += incidence_on_lattice.passage.notes
     return incidence_on_lattice

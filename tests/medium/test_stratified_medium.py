@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.medium.free_side import FreeSide
+from farhorizon.medium.stratified_medium import StratifiedMedium
 
 _SOLIDS = {
     "bonds": fh.Elastic(fh.Kernel(2.5), 1.0),
@@ -22,7 +22,9 @@ def test_forces_are_those_of_a_run(name, dim, axis, side):
     """For random displacements, zero near all other sides."""
     model, half = _SOLIDS[name], 7 if dim == 2 else 6
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
-    end = FreeSide(model.stencil(1.0, dim), axis, side, 2 * half if side > 0 else 0, model.force_states(1.0, dim))
+    end = StratifiedMedium(
+        model.stencil(1.0, dim), axis, side, 2 * half if side > 0 else 0, model.force_states(1.0, dim)
+    )
     far = np.max([side * x if a == axis else np.abs(x) for a, x in enumerate(lattice.coordinates())], axis=0)
     inner = np.max([-side * x if a == axis else np.abs(x) for a, x in enumerate(lattice.coordinates())], axis=0) <= 2
     assert far.max() == half
@@ -43,7 +45,7 @@ def test_forces_are_those_of_a_run(name, dim, axis, side):
 def test_what_one_node_feels_of_another_this_feels_of_it(name):
     """The operator is symmetric, row by row."""
     model = _SOLIDS[name]
-    end = FreeSide(model.stencil(1.0, 2), 1, 1, 0, model.force_states(1.0, 2))
+    end = StratifiedMedium(model.stencil(1.0, 2), 1, 1, 0, model.force_states(1.0, 2))
     known = {tuple(o): k for k, o in enumerate(end.offsets.tolist())}
     last = len(end.weights) - 1
     for row in range(last + 1):
