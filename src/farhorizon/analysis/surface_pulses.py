@@ -29,8 +29,6 @@ from farhorizon.medium.stratified_medium import StratifiedMedium
 
 _TAIL = 1e-9  # part of the signal that may be left between two periods of a pulse without a tail
 _SPARE, _LONGER = 1.5, (2.0, 4.0)  # periods over the shortest possible one, and longer ones over the first of these
-# With strata, what rings in them decays exponentially: twice the period squares it, while there is memory.
-_RINGING = tuple(2.0**power for power in range(1, 9))
 _HELPS = 0.25  # a longer period that leaves more than this part of the tail does not help
 _PROBES = 9  # times at which the tail is evaluated
 _LONG = 1e-2  # wavenumber times spacing of a long wave
@@ -78,14 +76,21 @@ class FreeSurface:
         return float(np.sqrt(self.scheme.rate * branches.min()) / _LONG)
 
     @property
-    def longer(self) -> tuple[float, ...]:
-        """Periods to be tried, over the shortest."""
-        return _LONGER if self.end.strata is None else _RINGING
+    def delay(self) -> float:
+        """Time in which the slowest long waves pass all strata straight, and what is reflected back and forth between
+        their ends decays to the tail that may be left.
+        """
+        if self.end.strata is None:
+            return 0.0
+        passage, kept = float(self.end.strata.slowness.sum()) / self.slowest, self.end.strata.reflection
+        return passage * (1 + 2 * np.log(_TAIL) / np.log(kept)) if kept else passage
 
     @property
-    def delay(self) -> float:
-        """Time in which the slowest long waves pass all strata straight."""
-        return 0.0 if self.end.strata is None else float(self.end.strata.slowness.sum() / self.slowest)
+    def rest(self) -> tuple[float, float]:
+        """Middle and half-width of the time, as parts of that between two passages of the signal, in which the surface
+        should be at rest: the last part of it if the medium rings.
+        """
+        return (1 / 2, 1 / 4) if self.end.strata is None else (7 / 8, 1 / 16)
 
     def along(self, direction: np.ndarray) -> tuple[np.ndarray, float]:
         """Projection of a unit vector on the surface, as a unit vector in space, and its length."""
@@ -128,7 +133,11 @@ def reflected_pulse(
 
     def pulse_of_period(period: float) -> SurfacePulse:
         pulse, numbers, shapes = make(period), [], []
-        for number in np.flatnonzero(pulse.frequencies > 0):
+        size = np.abs(pulse.amplitudes)
+        used = pulse.frequencies > 0
+        if surface.end.strata is not None:  # what rings has a long period, and many waves that are too small to matter
+            used &= size > _TAIL * size.max()
+        for number in np.flatnonzero(used):
             wavenumber, amplitude = pulse.wavenumbers[number], pulse.amplitudes[number]
             # a column has the time dependence exp(-i w t)
             vector = (amplitude * pulse.polarisations[number] * np.exp(-1j * wavenumber * met)).conj()
@@ -140,7 +149,7 @@ def reflected_pulse(
         moving = TravellingWaves(
             pulse.frequencies[numbers], length * pulse.wavenumbers[numbers], np.array(shapes), surface.spacing
         )
-        return _at_rest(moving, tangent, pulse.period, pulse.lost, met / pulse.speed, samples, surface.scheme.dt)
+        return _at_rest(moving, tangent, pulse.period, pulse.lost, met / pulse.speed, samples, surface)
 
     return _with_a_small_tail(pulse_of_period, surface, way, samples)
 
@@ -183,7 +192,7 @@ def rayleigh_pulse(
             numbers.append(number)
         moving = TravellingWaves(frequencies[numbers], np.array(wavenumbers), np.array(shapes), surface.spacing)
         arrival = -way[0] * wavenumbers[0] / frequencies[numbers[0]]
-        return _at_rest(moving, direction, count * dt, lost, arrival, samples, dt)
+        return _at_rest(moving, direction, count * dt, lost, arrival, samples, surface)
 
     return _with_a_small_tail(pulse_of_period, surface, way, samples)
 
@@ -201,7 +210,7 @@ def _with_a_small_tail(
     passed = (way[1] - way[0]) / surface.spacing + surface.depth
     least = _SPARE * (samples.size * surface.scheme.dt + passed / surface.slowest + surface.delay)
     pulse = pulse_of_period(least)
-    for factor in surface.longer:
+    for factor in _LONGER:
         if pulse.tail <= _TAIL:
             break
         longer = pulse_of_period(factor * least)
@@ -218,16 +227,17 @@ def _at_rest(
     lost: float,
     arrival: float,
     samples: np.ndarray,
-    dt: float,
+    surface: FreeSurface,
 ) -> SurfacePulse:
     """The moving waves, and with them the translation that brings the surface to rest between two periods; `arrival` is
     the time at which the pulse comes to the surface above the origin.
     """
-    pause = period - samples.size * dt
-    middle = arrival + samples.size * dt + pause / 2
+    duration, (middle, width) = samples.size * surface.scheme.dt, surface.rest
+    pause = period - duration
+    middle = arrival + duration + pause * middle
     surface_at = moving.at(np.zeros(1))
     translation = -surface_at(middle)[:, 0]
-    times = middle + pause / 4 * np.linspace(-1, 1, _PROBES)
+    times = middle + pause * width * np.linspace(-1, 1, _PROBES)
     tail = max(float(np.abs(surface_at(t)[:, 0] + translation).max()) for t in times) / float(np.abs(samples).max())
     waves = TravellingWaves(
         np.append(moving.frequencies, 0.0),

@@ -116,7 +116,7 @@ class SurfacePassage(Passage):
         self.notes = lost_notes(pulse.lost)
         if pulse.tail > _SAID:
             self.notes.append(
-                f"an incident wave at a free surface or in strata has a tail before and after it, of {pulse.tail:.1g} of "
+                f"an incident wave at a surface or in strata has a tail before and after it, of {pulse.tail:.1g} of "
                 f"its signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
             )
 

@@ -28,8 +28,19 @@ class Strata:
     @property
     def slowness(self) -> np.ndarray:
         """Slowness of the slowest waves in each row over that in the last one, (R,)."""
-        shear = self.bonds if self.moduli is None or not self.moduli[:, 1].any() else self.moduli[:, 1]
-        return np.asarray(np.sqrt(self.density * shear[-1] / (self.density[-1] * shear)))
+        slowness = np.sqrt(self.density / self._shear)
+        return np.asarray(slowness / slowness[-1])
+
+    @property
+    def reflection(self) -> float:
+        """Reflection coefficient of the slowest waves between the rows that differ most, straight onto them."""
+        impedance = np.sqrt(self.density * self._shear)
+        return float(np.ptp(impedance) / (impedance.max() + impedance.min()))
+
+    @property
+    def _shear(self) -> np.ndarray:
+        """Shear modulus of each row, or the modulus of a scalar field, up to a factor, (R,)."""
+        return self.bonds if self.moduli is None or not self.moduli[:, 1].any() else self.moduli[:, 1]
 
     def _row(self, row: int | np.ndarray) -> np.ndarray:
         return np.clip(row, 0, len(self.bonds) - 1)
