@@ -581,7 +581,7 @@ def _instead_of_none(key: str) -> str:
     if key.endswith(("critical_stretch", "fracture_energy")):
         return "a crack where bonds are cut from the start; leave it out, or give a large one, where none break"
     if key.endswith("shear"):
-        return "a fluid without a solid is a model of type wave; a fluid beside a solid is not available"
+        return "a fluid alone is a model of type wave; beside a solid give it a shear modulus, 1 % of its bulk"
     return "where there is no medium, leave it out of the lattice: body=..."
 
 
