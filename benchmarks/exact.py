@@ -40,7 +40,7 @@ def timed(sim: Simulation) -> Callable[[int], None]:
     run = steps(sim.engine)
 
     def call(count: int) -> None:
-        sim.engine.ends.clock[0] = 0
+        sim.engine.put("ends.clock", 0)
         run(count)
 
     return call

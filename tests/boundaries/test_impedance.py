@@ -113,8 +113,8 @@ def test_springs_keep_the_energy_and_dashpots_take_it(density):
         sim = fh.Simulation(lattice, model, sides | {"x+": side}, start, balance=True)
         for t in (6.0, 12.0, 18.0):
             balance = sim.run(t, progress=False).balance()
-            supported = max(supported, balance["support"] / sim._time_loop.first_energy)
-            lost.append(balance["lost"] / sim._time_loop.first_energy)
+            supported = max(supported, balance["support"] / sim.time_loop.first_energy)
+            lost.append(balance["lost"] / sim.time_loop.first_energy)
     assert np.abs(lost[:3]).max() < 1e-12
     assert supported > 0.02
     assert lost[3] > 0.01 and (np.diff(lost[3:]) > 0).all() and lost[-1] < 1

@@ -175,7 +175,7 @@ class ExactEnds:
     @property
     def step(self) -> int:
         """Number of the next step."""
-        return int(self.engine.ends.clock[0])
+        return int(self.engine.get("ends.clock")[0])
 
     @property
     def convolved(self) -> bool:
@@ -209,8 +209,8 @@ class ExactEnds:
         the engine's own.
         """
         engine = self.engine
-        history, forces = engine.ends.history[:, : self.step] if history is None else history, engine.ends.forces
-        count = history.shape[1]
+        history = np.array(engine.get("ends.history")[:, : self.step] if history is None else history)
+        count, forces = history.shape[1], engine.get("ends.forces")
         kernels = {
             w.tobytes(): _make_kernel(_hashable(w), self.recursion, steps)
             for w, s in zip(self.weights, sums, strict=True)
@@ -221,8 +221,9 @@ class ExactEnds:
             for s, mass in zip(sums, self.masses, strict=True)
         ]
         engine.set_ends(ends_table(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0))
-        engine.set_history(np.array(history))
-        engine.ends.clock[0], engine.ends.forces[...] = count, forces
+        engine.set_history(history)
+        engine.put("ends.clock", count)
+        engine.put("ends.forces", forces)
         self.sums, self.steps = list(sums), steps
         for end, end_sum in enumerate(sums):
             if end_sum is None:
@@ -230,34 +231,33 @@ class ExactEnds:
                 self.convolutions[end] = self._convolution(end, kernel)
             else:
                 self.convolutions[end] = None
-                state, half = end_sum.replay(history[end]), engine.ends.states.shape[1] // 2
-                engine.ends.states[end, : end_sum.modes], engine.ends.states[end, half : half + end_sum.modes] = (
-                    state.real,
-                    state.imag,
-                )
+                state, half = end_sum.replay(history[end]), engine.get("ends.states").shape[1] // 2
+                engine.put("ends.states", state.real, (end, slice(end_sum.modes)))
+                engine.put("ends.states", state.imag, (end, slice(half, half + end_sum.modes)))
 
     def _convolution(self, end: int, kernel: np.ndarray) -> BlockConvolution:
         """Return a convolution that has processed the history except for the current block, which the engine holds."""
         convolution = BlockConvolution(kernel, BLOCK)
         for start in range(0, self.step - BLOCK + 1, BLOCK):
-            convolution.samples[:] = self.engine.ends.history[end, start : start + BLOCK]
+            convolution.samples[:] = self.engine.get("ends.history")[end, start : start + BLOCK]
             if start + BLOCK < self.step:
                 convolution.next_block()
-        self.engine.ends.heads[end], self.engine.ends.past[end] = convolution.head, convolution.past
+        self.engine.put("ends.heads", convolution.head, end)
+        self.engine.put("ends.past", convolution.past, end)
         return convolution
 
     def allow(self, steps: int) -> int:
         """Prepare the next steps; return how many of them may be run at once."""
         self.cover(self.step + steps)
-        if not self.engine.ends.heads.shape[1]:
+        if not self.engine.get("ends.heads").shape[1]:
             return steps
         place = self.step % BLOCK
         if place == 0 and self.step:
             for end, convolution in enumerate(self.convolutions):
                 if convolution is not None:
-                    convolution.samples[:] = self.engine.ends.history[end, self.step - BLOCK : self.step]
+                    convolution.samples[:] = self.engine.get("ends.history")[end, self.step - BLOCK : self.step]
                     convolution.next_block()
-                    self.engine.ends.past[end] = convolution.past
+                    self.engine.put("ends.past", convolution.past, end)
         return min(steps, BLOCK - place)
 
     def describe(self, end: int, dt: float) -> str:
@@ -288,15 +288,12 @@ class ExactEnds:
         engine, step = self.engine, self.step
         forces = np.zeros(self.nodes.shape)
         for end, (end_sum, convolution) in enumerate(zip(self.sums, self.convolutions, strict=True)):
-            half = engine.ends.states.shape[1] // 2
+            states, history = engine.get("ends.states")[end], engine.get("ends.history")[end]
+            half = len(states) // 2
             if end_sum is not None:
-                forces[end] = end_sum.force(
-                    engine.ends.states[end, : end_sum.modes] + 1j * engine.ends.states[end, half : half + end_sum.modes]
-                )
+                forces[end] = end_sum.force(states[: end_sum.modes] + 1j * states[half : half + end_sum.modes])
             elif convolution is not None:
-                forces[end] = np.einsum(
-                    "aim,am->i", convolution.kernel[1 : step + 1], engine.ends.history[end, :step][::-1]
-                )
+                forces[end] = np.einsum("aim,am->i", convolution.kernel[1 : step + 1], history[:step][::-1])
         return forces
 
     def fill(self, level: np.ndarray, older: np.ndarray) -> None:
@@ -304,7 +301,7 @@ class ExactEnds:
         one before.
         """
         reach = self.nodes.shape[1]
-        for values, forces in ((level, self.forces()), (older, self.engine.ends.forces[:, :reach])):
+        for values, forces in ((level, self.forces()), (older, self.engine.get("ends.forces")[:, :reach])):
             for weights, nodes, force, name in zip(self.weights, self.nodes, forces, self.names, strict=True):
                 ghosts = np.linalg.lstsq(chain.driver_matrix(weights).T, force, rcond=None)[0]
                 values[nodes[0] + (1 if name == "x+" else -1) * np.arange(1, reach + 1)] = ghosts
@@ -313,11 +310,8 @@ class ExactEnds:
 
     def save(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Return the arrays and numbers of a checkpoint."""
-        arrays = {
-            "exact_history": self.engine.ends.history[:, : self.step],
-            "exact_states": self.engine.ends.states,
-            "exact_forces": self.engine.ends.forces,
-        }
+        arrays = {f"exact_{name}": self.engine.get(f"ends.{name}") for name in ("history", "states", "forces")}
+        arrays["exact_history"] = arrays["exact_history"][:, : self.step]
         meta: dict[str, Any] = {"steps": self.steps, "errors": [None if s is None else s.error for s in self.sums]}
         for end, end_sum in enumerate(self.sums):
             if end_sum is not None:
@@ -335,4 +329,5 @@ class ExactEnds:
             sums.append(None if error is None else ExponentialSum(poles, inputs, outputs, steps, error))
         if steps:
             self._take(sums, steps, arrays["exact_history"])
-            self.engine.ends.states[...], self.engine.ends.forces[...] = arrays["exact_states"], arrays["exact_forces"]
+            self.engine.put("ends.states", arrays["exact_states"])
+            self.engine.put("ends.forces", arrays["exact_forces"])

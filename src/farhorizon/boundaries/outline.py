@@ -395,10 +395,9 @@ class OutlineCondition:
 
     def start(self) -> None:
         """Initialise the memory with the state one step ago, before which all was at rest."""
-        history = self.engine.outline_history
-        history[...] = 0
+        self.engine.put("outline_history", 0)
         if self.levels > 2:
-            history[0] = self.engine.older[self.nodes]
+            self.engine.put("outline_history", self.engine.get("u_old", self.nodes), 0)
 
     def mark(self) -> float:
         """Return a number that differs between conditions."""

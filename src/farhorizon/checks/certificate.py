@@ -290,7 +290,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
-    if sim.model.dissolution is not None and (sim.engine.dissolved == NEVER).any():
+    if sim.model.dissolution is not None and (sim.engine.get("phases.dissolved") == NEVER).any():
         certificate = certify(sim.remade(specimens=()), budget, until, brief)
         return replace(certificate, reason=f"{certificate.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)
@@ -334,7 +334,7 @@ def _examined(
     skipped: list[str] = []
     report("a run from white noise")
     follows = brief and bool(np.isfinite(until))
-    rounds = until / sim.dt / sim.engine.tables.filter.every
+    rounds = until / sim.dt / sim.engine.every
     short = Allowance(max(_WHOLE, rounds * _cost(sim) / 2) if follows else budget / 2)
     further = Allowance(PATIENCE if follows else budget / 3)
     grown, quiet, where = _noise_part(sim, short, further, until)
@@ -503,8 +503,8 @@ def _proof(sim: Examined) -> str:
         rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (
             np.diff(sim.conditions.starts) > 0
         )
-        tables = sim.engine.tables
-        lightest = float(tables.material.coefficient.max() * tables.mobility.max()) if tables.mobility.size else 0.0
+        coefficient, mobility = sim.engine.get("material.coefficient"), sim.engine.get("mobility")
+        lightest = float(coefficient.max() * mobility.max()) if mobility.size else 0.0
         bonds = (lightest or sim.strongest) * float(sim.engine.weights.sum())
         change = sim.dt * (bonds + sim.engine.reaction + float(sim.leak.max(initial=0)) + damped)  # of the old value
         if model.integrator.name == "forward Euler" and positive and change <= 1 and rows.max(initial=0) <= 1 + 1e-12:
@@ -580,15 +580,14 @@ def _with_whole(
 
 def _cost(sim: Examined) -> float:
     """Seconds of a round of steps on a typical core."""
-    nodes = float(np.prod(sim.engine.layout.box.nodes))
-    return sim.engine.tables.filter.every * step_seconds(nodes * sim.stencil.weights.size)
+    return sim.engine.every * step_seconds(sim.engine.size * sim.stencil.weights.size)
 
 
 def _examinations(sim: Examined) -> Iterator[Examination]:
     """What must be stable for the set-up to be stable, cheapest first; each is called with what it may use."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is computed when the run begins")
-    if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
+    if sim.engine.size <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
     complete: Examination = (
@@ -648,7 +647,7 @@ def _noisy(sim: Examined, until: float) -> tuple[Examined, str]:
     small = small_lattice(sim)
     special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None or _guides(sim)
     if sim.varied:
-        rounds = min(until / sim.dt, stability.SHORT * crossing_rounds(sim)) / sim.engine.tables.filter.every
+        rounds = min(until / sim.dt, stability.SHORT * crossing_rounds(sim)) / sim.engine.every
         shorter = None if special or rounds * _cost(sim) <= _WHOLE else sim.shortened()
         if shorter is not None:
             return plain_twin(shorter), f"a copy with shorter strata, of {_by(shorter.lattice.shape)} nodes,"

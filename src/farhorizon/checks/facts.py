@@ -124,7 +124,7 @@ def metal_rows(sim: Examined) -> Rows:
 def size_rows(sim: Examined) -> Rows:
     """Computed nodes, memory, and absent bonds."""
     engine = sim.engine
-    extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(sim.lattice.shape))
+    extra = engine.size - int(np.prod(sim.lattice.shape))
     times = engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize)
     digits = ", layers store six digits" if engine.kept != engine.dtype else ""
     return [

@@ -111,7 +111,7 @@ def crossing_rounds(sim: Examined) -> int:
     )
     factor = max(sim.strongest, 1e-300) / sim.model.strongest  # of a coefficient; bonds between phases are not a medium
     duration = sim.model.crossing(nodes * sim.lattice.spacing, factor)
-    period = sim.engine.tables.filter.every * sim.dt
+    period = sim.engine.every * sim.dt
     return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / period)))
 
 
@@ -139,7 +139,7 @@ class Strip:
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Side] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self._filters = {}
-        self._every = sim.engine.tables.filter.every
+        self._every = sim.engine.every
         if dim > 1:  # the layers' filters reach farther than the rows needed for the responses below
             profiles = {side: b.profile for side, b in zip((-1, 1), ends, strict=True)}
             self._filters = {side: layer for side, layer in profiles.items() if isinstance(layer, Layer)}
@@ -167,7 +167,7 @@ class Strip:
         endless = all(b.periodic or not b.bonded for (a, _), b in sim.sides.items() if a != axis)
         self.longest = 0.0 if endless else 0.01  # the smallest of these; 0 where waves may be uniform along the sides
         # first index: the entry set to 1, so that each write is contiguous
-        products = float(np.prod(self.sim.engine.layout.box.nodes)) * sim.stencil.weights.size
+        products = self.sim.engine.size * sim.stencil.weights.size
         if allowance is not None and not allowance.take(self.size * step_seconds(products)):
             raise TimeoutError
         responses = np.empty((self.size, *self.place.shape))

@@ -129,7 +129,7 @@ class Reflections:
 
 def _nominal(sim: Examined, until: float) -> float:
     """Seconds of the steps of a run on a typical core."""
-    nodes = float(np.prod(sim.engine.layout.box.nodes))
+    nodes = float(sim.engine.size)
     return until / sim.dt * step_seconds(nodes * sim.stencil.weights.size)
 
 

@@ -47,9 +47,7 @@ def two_digits(value: float) -> str:
 def run_cost(sim: Examined, seconds: float | None = None) -> RunCost:
     """The cost of a simulation as it is; `seconds` is the time of a step, measured if not given."""
     return RunCost(
-        float(np.prod(sim.engine.layout.box.nodes)),
-        sim.seconds_per_step() if seconds is None else seconds,
-        float(sim.engine.nbytes),
+        float(sim.engine.size), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes)
     )
 
 
@@ -63,11 +61,11 @@ def seconds_near_breaking(sim: Examined) -> float:
     least, spent = np.inf, 0.0
     with as_before(engine):
         for number in range(_ROUNDS):
-            for level in (engine.current, engine.older):
-                field = engine.core.view(level)
+            for name in ("u", "u_old"):
                 for axis in axes:
-                    place = np.arange(field.shape[1 + lead + axis]).reshape([-1, *[1] * (sim.lattice.dim - 1 - axis)])
-                    field[axis] = size * np.sin(2 * np.pi * place / _WAVE)
+                    place = np.indices(engine.core.nodes)[lead + axis]
+                    at = engine.core.node_indices() + axis * engine.layout.size
+                    engine.put(name, size * np.sin(2 * np.pi * place / _WAVE), at)
             begin = perf_counter()
             engine.advance_alone(_FEW_STEPS)
             took = perf_counter() - begin

@@ -349,15 +349,16 @@ class BondZone:
         """Add the energy, per unit mass of a node, of bonds that were cut."""
         self.table.broken[0, 0, 0] += energy * self.engine.stages.numbers[0][2]
 
-    def traces(self, level: np.ndarray, apart: bool = False) -> np.ndarray:
-        """Factor of the thermal strain of each place in the energy of a level, per unit mass of a node: the sum of the
-        normal stresses over the density.
+    def traces(self, level: np.ndarray | str, apart: bool = False) -> np.ndarray:
+        """Factor of the thermal strain of each place in the energy of a level, or of one by name, per unit mass of a
+        node: the sum of the normal stresses over the density.
 
         Zero outside the zone, unless heat passes through the layers; then, if `apart`, their memory is left unchanged.
         The halo of the level is filled.
         """
         engine = self.engine
         traces, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
+        level = engine.array(level) if isinstance(level, str) else level
         engine.complete(level)
         thermoelastic, table = bool(engine.heat_passes), self.table
         if thermoelastic:

@@ -7,13 +7,14 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from farhorizon import kinds
 from farhorizon.engine.bond_zone import BondZone
-from farhorizon.engine.bonds import CHUNK, RULES, Zone
+from farhorizon.engine.bonds import CHUNK, RULES, Zone, factors_of
 from farhorizon.engine.codegen.build import load_program
 from farhorizon.engine.codegen.matrices import Signs, signs_of
 from farhorizon.engine.codegen.structs import Struct
@@ -56,6 +57,16 @@ __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 Kept = TypeVar("Kept", Layers, DerivativePML)
 # Values of the field plus a quarter of the layers' memory; with fewer, one thread is done before a second has started.
 _PARALLEL_NUMBERS = 40_000
+# Where an engine has the arrays that `Engine.get` names otherwise than its tables do.
+_PATHS = {
+    "u": "current",  # the field now, one step ago, and two steps ago (of schemes that keep that)
+    "u_old": "older",
+    "u_older": "oldest",
+    "exists": "absent.exists",  # whether there is a node at a place
+    **{name: name for name in ("increment", "levels", "memory", "outline_history", "node_values", "block_values")},
+    **{name: name for name in ("held_forces", "impactor_values")},
+}
+_ARRAYS = {name: attrgetter(path) for name, path in _PATHS.items()}
 
 
 Loop = Callable[[int, int, np.ndarray, Tables, Inputs], None]
@@ -255,10 +266,8 @@ class Engine:
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
         self.node_values, self.block_values = np.zeros((0, 0)), np.zeros((0, 0))
+        self.held_forces, self.impactor_values = np.zeros((0, 0)), np.zeros((0, 0, 0))
         self.record_nodes(np.zeros(0, np.int64))
-        self.watch_stride = 1
-        self.held_forces, self.forces_wanted = np.zeros((0, 0)), False
-        self.impactor_values, self.impactors_recorded = np.zeros((0, 0, 0)), False
         self._call_cache = CallCache()
         self._compiled_loop = CompiledLoop()
         self._prepared: dict[tuple[Any, ...], _Prepared] = {}
@@ -333,6 +342,51 @@ class Engine:
         """Replace some of the tables."""
         self.tables = self.tables._replace(**tables)
 
+    # --- values by name: all that code outside this package reads and writes of levels and tables -------------------
+
+    def get(self, name: str, at: Any = ...) -> np.ndarray:
+        """Return values, or those at an index: of a level ("u", "u_old"; see `_PATHS`) or of a field of the tables
+        ("heat.thermal_strain"). They may not be changed, and are valid until the next step.
+        """
+        values: np.ndarray = self.array(name)[at]
+        values.flags.writeable = False
+        return values
+
+    def put(self, name: str, values: Any, at: Any = ...) -> None:
+        """Set values by name, as `get` returns them."""
+        self.array(name)[at] = values
+
+    def add(self, name: str, values: Any, at: Any = ...) -> None:
+        """Add to values by name, as `get` returns them."""
+        self.array(name)[at] += values
+
+    def array(self, name: str) -> np.ndarray:
+        """The array that `get` names."""
+        return _ARRAYS[name](self) if name in _ARRAYS else attrgetter(name)(self.tables)
+
+    def level(self) -> np.ndarray:
+        """Return a level of zeros."""
+        return np.zeros_like(self.levels[0])
+
+    @property
+    def clock(self) -> tuple[int, int]:
+        """Steps done, and the phase of the rotation of the levels."""
+        return self.steps_done, self.phase
+
+    @clock.setter
+    def clock(self, steps_and_phase: tuple[int, int]) -> None:
+        self.steps_done, self.phase = steps_and_phase
+
+    @property
+    def every(self) -> int:
+        """Steps between filters of short waves in the layers: only the map of that many steps is always the same."""
+        return int(self.tables.filter.every)
+
+    @property
+    def size(self) -> int:
+        """Number of nodes of the core and the layers."""
+        return int(np.prod(self.layout.box.nodes))
+
     # --- parts that may be set after construction --------------------------------------------------------------
 
     @property
@@ -351,11 +405,6 @@ class Engine:
         """Energy that relaxation has dissipated, per unit mass of a node."""
         return float(self.tables.dissipation.lost.sum()) / self.dt**2
 
-    @property
-    def dissolved(self) -> np.ndarray:
-        """Step at which each node of the core became liquid, `NEVER` for solid ones, in a model with phases; a view."""
-        return self.core.view(self.tables.phases.dissolved)
-
     def hold(self, nodes: np.ndarray) -> None:
         """Set the nodes with prescribed values, which are those of the columns of `held_values` in `advance`."""
         self.held = nodes.astype(np.int64)
@@ -363,11 +412,6 @@ class Engine:
     def set_ends(self, ends: ExactEndTables) -> None:
         """Set the exact ends of a bar (`ends.ends_table`)."""
         self.replace(ends=ends)
-
-    @property
-    def ends(self) -> ExactEndTables:
-        """Tables of the exact ends."""
-        return self.tables.ends
 
     def set_history(self, history: np.ndarray) -> None:
         """Set the values of the exact ends' drivers so far, shape (ends, steps, K)."""
@@ -387,13 +431,12 @@ class Engine:
         """Values of the fringe's nodes one step ago, two steps ago and so on, shape (levels - 1, S); a view."""
         return self.tables.outline_stencil.history.T
 
-    @property
-    def flows(self) -> np.ndarray:
-        """Accumulated flows and their rounding errors, shape (2, count)."""
-        return self.tables.flows.totals
-
-    def record_nodes(self, places: np.ndarray) -> None:
-        """Record the values at places of a level, shape (n,), in `node_values` after every step from now on."""
+    def record_nodes(self, places: np.ndarray, stride: int = 1, forces: bool = False, impactors: bool = False) -> None:
+        """Record the values at places of a level, shape (n,), in `node_values` after every step from now on, or where
+        nobody needs others, steps whose number is a multiple of `stride`; also, if wanted, the forces that hold
+        prescribed nodes, and what impactors do.
+        """
+        self.watch_stride, self.forces_wanted, self.impactors_recorded = stride, forces, impactors
         first = np.flatnonzero(np.diff(places, prepend=-2) != 1)  # places that do not directly follow the one before
         runs = places[first] % self.layout.size, places[first], first, np.diff(first, append=len(places))
         self._watched = np.stack(runs, axis=-1)[np.argsort(runs[0], kind="stable")]
@@ -407,6 +450,10 @@ class Engine:
         stage = Stage(level, level, level, components=self.components, rows=self.components, **factors)
         fields = np.asarray(values, self.dtype)[None]
         load_program().depend(Struct(stage), Struct(self.tables.dependents), fields, np.ones(1, self.dtype))
+
+    def factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Return the factors of the bonds between places."""
+        return factors_of(self.tables.material, nodes, neighbours)
 
     @property
     def varied(self) -> bool:
@@ -440,35 +487,42 @@ class Engine:
         return self.levels[rotation[2 if self.stages.increments else 1]]
 
     @property
-    def last_levels(self) -> list[np.ndarray]:
-        """The present level and the two before it, of velocity Verlet whose older level outlives a step."""
-        return [self.levels[level] for level in self.tables.rotation[self.phase, 0]]
+    def oldest(self) -> np.ndarray:
+        """Level with the state two steps ago, of velocity Verlet whose older level outlives a step."""
+        return self.levels[self.tables.rotation[self.phase, 0, 2]]
+
+    @property
+    def increment(self) -> np.ndarray:
+        """Level with the increment of the last step, of integrators that advance it."""
+        return self.levels[2]
 
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
         """Indices in a level of all components of nodes, component by component, from those of the first component."""
         return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()
 
-    def complete(self, level: np.ndarray) -> None:
-        """Fill the halo of a level across periodic axes and from other processes."""
-        if self.exchange is not None:
-            self.exchange.fill(level, self.components)
-            return
-        load_program().copy(level, self.tables.copies, self.components)
+    def complete(self, level: np.ndarray | str) -> None:
+        """Fill the halo of a level, or of levels given by name, across periodic axes and from other processes."""
+        levels = self.array(level) if isinstance(level, str) else level
+        for each in levels.reshape(-1, self.levels.shape[1]):
+            if self.exchange is not None:
+                self.exchange.fill(each, self.components)
+            else:
+                load_program().copy(each, self.tables.copies, self.components)
 
-    def begin(self, level: np.ndarray) -> None:
+    def begin(self, level: np.ndarray | str) -> None:
         """Initialise the memory of stretched derivatives so that it is zero in the state `level`."""
         if self.tables.stretches.runs.size:
             self.operate(level, beginning_operations(self.tables))
 
-    def apply(self, level: np.ndarray) -> np.ndarray:
+    def apply(self, level: np.ndarray | str) -> np.ndarray:
         """Apply the operator L to a level, and return a level (valid at its nodes only); fills the halo of `level`."""
         return self.operate(level, operator_operations(self.tables), keep_memory=True)
 
-    def apply_core(self, level: np.ndarray) -> np.ndarray:
+    def apply_core(self, level: np.ndarray, again: bool = False) -> np.ndarray:
         """Apply the operator L to a level with plain shifts everywhere, using its halo as it is, without thermal
-        strains and, in state-based media, without contact of absent bonds.
+        strains and, in state-based media, without contact of absent bonds; `again` as in `operate`.
         """
-        return self.core_operator()(level)
+        return self.operate(level, sweep_operations(self.tables), thermal=False, contact=False, again=again)
 
     def core_operator(self) -> Callable[[np.ndarray], np.ndarray]:
         """Return `apply_core` as a callable for repeated use: preparing its tables takes longer than a small sweep."""
@@ -484,7 +538,7 @@ class Engine:
 
     def operate(
         self,
-        level: np.ndarray,
+        level: np.ndarray | str,
         operations: list[Operation],
         keep_memory: bool = False,
         thermal: bool = True,
@@ -497,6 +551,7 @@ class Engine:
         bonds of a state-based medium carry. The prepared tables are kept if the same operations are going to be applied
         `again`.
         """
+        level = self.array(level) if isinstance(level, str) else level
         key = (keep_memory, thermal, contact, *operations)
         prepared = self._prepared.get(key) if again else None
         if prepared is None or prepared.of is not self.tables:

@@ -52,6 +52,7 @@ class Field(Protocol):
     all_layers: list[LayerTables]
     exchange: Exchange | None
 
+    def array(self, name: str) -> np.ndarray: ...
     @property
     def current(self) -> np.ndarray: ...
     @property

@@ -24,6 +24,9 @@ from farhorizon.engine.layout import SLACK, Block, with_defaults
 from farhorizon.engine.point_law import ALIKE, EACH, LawRows
 from farhorizon.engine.tables import Cuts, Material, Surface
 
+#: Remaining fractions of a bond below this are rounding error.
+FAINT = 1e-12
+
 
 class AbsentBonds:
     """Bonds and nodes that the medium of an engine lacks."""
@@ -211,16 +214,47 @@ class AbsentBonds:
 
     def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
         """Absent part of the `weights` of bonds of the core (given by places), without coefficients."""
-        cut_nodes, cut_neighbours, cut_weights = self.engine.tables.cuts
-        size = self.engine.layout.size
-        keys = cut_nodes * size + cut_neighbours
-        cut = np.zeros(len(nodes))
-        if keys.size:
-            order = np.argsort(keys)
-            asked = nodes * size + neighbours
-            at = np.minimum(np.searchsorted(keys[order], asked), keys.size - 1)
-            cut = np.where(keys[order][at] == asked, cut_weights[order][at].astype(float), 0.0)
-        return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)
+        cuts, absent = self.engine.tables.cuts, np.zeros(len(nodes))
+        cut, at = _found(cuts, self.engine.layout.size, nodes, neighbours)
+        absent[cut] = cuts.weights[at[cut]]
+        return np.where(self.exists[nodes] == self.exists[neighbours], absent, weights)
+
+    def is_cut(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Return whether the bond from each of some places to another is cut."""
+        return _found(self._cuts, self.engine.layout.size, nodes, neighbours)[0]
+
+    @property
+    def _cuts(self) -> Cuts:
+        """The bonds that are cut; where forces follow from states, a bond and its spring are both present or absent."""
+        tables = self.engine.tables
+        return tables.cuts if self.engine.passes is None else tables.gradient_pass.cuts
+
+    def left(self, nodes: np.ndarray, neighbours: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Return the remaining factor of a bond of the given weight from each of some places to another; 0 where it is
+        absent.
+        """
+        of_states, cuts = self.engine.passes is not None, self._cuts
+        cut, at = _found(cuts, self.engine.layout.size, nodes, neighbours)
+        lost = cut.astype(float)
+        if cut.any() and not of_states:
+            largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
+            taken = cuts.weights.reshape(-1, *weight.shape)[(slice(None), *largest)] / weight[largest]
+            lost[cut] = taken[at[cut]]
+        factors = factors_of(self.engine.tables.material, nodes, neighbours)
+        at_surfaces = self.factors_at_surfaces(nodes, neighbours)
+        factors = factors * np.where(cut & (not of_states), 1.0, at_surfaces)  # those of springs are among what is cut
+        factor_left = factors * (1 - lost) * (self.exists[nodes] & self.exists[neighbours])
+        return np.where(factor_left > FAINT, factor_left, 0.0)
+
+
+def _found(cuts: Cuts, size: int, nodes: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the bond from each place to another is cut, and if so its number among those cut; `size` of a level."""
+    keys, asked = cuts.nodes * size + cuts.neighbours, nodes * size + neighbours
+    if not keys.size:
+        return np.zeros(len(nodes), bool), np.zeros(len(nodes), np.int64)
+    order = np.argsort(keys)
+    at = order[np.minimum(np.searchsorted(keys[order], asked), keys.size - 1)]
+    return keys[at] == asked, at
 
 
 _LONG = 8  # number of neighbours with one matrix; fewer take one vector, in which each may have its own

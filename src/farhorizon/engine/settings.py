@@ -15,7 +15,7 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
 from farhorizon.engine.field import damping_of, numbers_of
-from farhorizon.engine.filter import margin_across, without
+from farhorizon.engine.filter import filter_with_images, margin_across, without
 from farhorizon.engine.layers import Layers
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.media import media_of
@@ -71,6 +71,11 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
         engine.replace(filter=without(engine.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
     factors = (factor.astype(engine.dtype) for factor in (before, after, leak))
     engine.replace(damping=Damping(nodes.astype(np.int64), *factors))
+
+
+def set_images(engine: Engine, images: Mapping[tuple[int, int], int]) -> None:
+    """Let the filter of short waves see walls, given by the signs of their images, mirrored beyond them."""
+    engine.replace(filter=filter_with_images(engine.tables.filter, engine.layout, images))
 
 
 def damp_increments(engine: Engine, factor: float) -> None:

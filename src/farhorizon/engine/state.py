@@ -31,7 +31,7 @@ class State:
     every: int  # steps between filters of short waves in the layers; only the map of that many is always the same
 
     def __init__(self, engine: Engine) -> None:
-        self.engine, self.every = engine, engine.tables.filter.every
+        self.engine, self.every = engine, engine.every
         nodes = engine.layout.box.node_indices().ravel()
         self._nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
         self._memory = np.concatenate(
@@ -41,7 +41,7 @@ class State:
         if engine.passes is not None:  # memory of the components and axes that are stretched
             kept = np.flatnonzero(np.tile(gain != 0, (2 * len(gain), 1)))
             self._memory = np.concatenate([self._memory, engine.passes.start + kept])
-        poles = engine.ends.poles
+        poles = engine.tables.ends.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
         self.size, self.size_of_field = len(self.read()), len(self._nodes)
 
@@ -60,16 +60,16 @@ class State:
     def write(self, values: np.ndarray) -> None:
         """Set the engine to a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
-        engine.levels[...], engine.memory[...], engine.ends.states[...], engine.outline_history[...] = 0, 0, 0, 0
+        engine.levels[...], engine.memory[...], engine.tables.ends.states[...], engine.outline_history[...] = 0, 0, 0, 0
         engine.phase, engine.steps_done = 0, 0
-        engine.ends.clock[0] = 1  # not the first step, whose sample counts half at exact ends
+        engine.tables.ends.clock[0] = 1  # not the first step, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
             engine.complete(engine.levels[level])  # a step fills only the halo of the present level
         end = len(levels) * count
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
-        engine.ends.states[self._modes] = values[start:end]
+        engine.tables.ends.states[self._modes] = values[start:end]
         # a step drops the last row
         engine.outline_history[:-1] = values[end:].reshape(engine.outline_history[:-1].shape)
 
@@ -78,7 +78,12 @@ class State:
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
         return np.concatenate(
-            [*levels, engine.memory[self._memory], engine.ends.states[self._modes], engine.outline_history[:-1].ravel()]
+            [
+                *levels,
+                engine.memory[self._memory],
+                engine.tables.ends.states[self._modes],
+                engine.outline_history[:-1].ravel(),
+            ]
         )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:

@@ -133,7 +133,7 @@ def adjoint_run(
         setup, boundary=sides, constraints=held, background=0.0, initial={}, sources=(), loads=(), balance=False
     )
     sim = Simulation.of(still, observe, team, topology)
-    sim._time_loop.source_table = AdjointFeed(sim, residuals, shift)
+    sim.time_loop.source_table = AdjointFeed(sim, residuals, shift)
     return sim
 
 

@@ -350,10 +350,10 @@ class _Gradient:
 def _first_acceleration(setup: Setup, back: Simulation, u: np.ndarray) -> np.ndarray:
     """Return the acceleration of the medium at the start of a run from rest with the values u, sources left out."""
     still = adjoint_run(setup, Residuals(0, back.field_shape), 0, [], back.team, back.topology)
-    level, grid = still.engine.current, still.parts.grid
-    grid.view(level)[...] = np.nan_to_num(u).reshape(grid.view(level).shape)
-    still.engine.begin(level)
-    found = still._time_loop._motion.acceleration(0.0)
+    grid = still.parts.grid
+    grid.put("u", np.nan_to_num(u))
+    still.engine.begin("u")
+    found = still.time_loop.motion.acceleration(0.0)
     return grid.view(found).reshape(back.field_shape).astype(float)
 
 

@@ -16,6 +16,8 @@ from farhorizon.simulation.recorders.recorder import Arrays, Recorder, RecordReq
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
+_PARTS = "levels", "memory"  # of an engine that a run goes back to
+
 
 class PatchRecorder(Recorder, offered=False):
     """A recorder that sees the places of a patch, and perhaps further nodes, after every step.
@@ -101,16 +103,15 @@ class Rows(PatchRecorder, offered=False):
 
     def open(self, sim: Simulation, steps: int) -> None:
         """Make room for the next steps of a run, and fill in its present level and the one before."""
-        levels = [sim.engine.current] if sim.model.order == 1 else [sim.engine.older, sim.engine.current]
+        levels = ["u_old", "u"][2 - sim.model.order :]
         components = sim.stencil.components
         shape = steps + len(levels), components, self.patch.places
         if self.values.shape != shape:
             self.values = np.zeros(shape, self.real)
         self.first = sim.step_count + 1 - len(levels)
         for row, level in enumerate(levels):
-            self.values[row] = on_all_nodes(sim, sim.parts.grid.view(level)).reshape(components, -1)[
-                :, self.patch.nodes
-            ]
+            values = on_all_nodes(sim, sim.parts.grid.get(level)).reshape(components, -1)
+            self.values[row] = values[:, self.patch.nodes]
         self._lay_walls(0, len(levels))
 
     def add(self, step: int, heard: StepValues) -> None:
@@ -174,32 +175,32 @@ class Piece(NamedTuple):
 class Past(NamedTuple):
     """The state of a run between two steps."""
 
-    step: int
-    arrays: tuple[np.ndarray, ...]
-    phase: int
+    arrays: tuple[np.ndarray, ...]  # those of `_PARTS`
+    clock: tuple[int, int]
     scale: float
+
+    @property
+    def step(self) -> int:
+        """Steps done."""
+        return self.clock[0]
 
     @classmethod
     def of(cls, sim: Simulation) -> Past:
         """Return a copy of the present state."""
-        arrays = tuple(one.copy() for one in _parts_of(sim))
-        return cls(sim.step_count, arrays, sim.engine.phase, sim._time_loop.source_table.scale)
+        arrays = tuple(sim.engine.get(name).copy() for name in _PARTS)
+        return cls(arrays, sim.engine.clock, sim.time_loop.source_table.scale)
 
     def restore(self, sim: Simulation) -> None:
         """Bring a run of the same set-up into this state."""
-        for kept, one in zip(self.arrays, _parts_of(sim), strict=True):
-            one[...] = kept
-        sim.engine.phase, sim.engine.steps_done, sim.step_count = self.phase, self.step, self.step
-        sim.time, sim._time_loop.source_table.scale = self.step * sim.dt, self.scale
+        for name, values in zip(_PARTS, self.arrays, strict=True):
+            sim.engine.put(name, values)
+        sim.engine.clock, sim.time_loop.source_table.scale = self.clock, self.scale
+        sim.step_count, sim.time = self.step, self.step * sim.dt
 
     @property
     def nbytes(self) -> int:
         """Bytes of the state."""
         return sum(one.nbytes for one in self.arrays)
-
-
-def _parts_of(sim: Simulation) -> tuple[np.ndarray, ...]:
-    return sim.engine.levels, sim.engine.memory
 
 
 class WholeHistory:
@@ -266,7 +267,7 @@ class Remade:
         InputError
             Not even a few states fit; exact ends, which keep their own past.
         """
-        key, size = "memory", int(sim.team.largest(sum(one.nbytes for one in _parts_of(sim))))
+        key, size = "memory", int(sim.team.largest(sum(sim.engine.get(name).nbytes for name in _PARTS)))
         if sim.exact_ends is not None:
             raise InputError(
                 "exact ends keep their whole past, and the history must fit, too",

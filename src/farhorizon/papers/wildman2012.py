@@ -142,18 +142,17 @@ def plate(kernel: Kernel, boundary: Any, dt: float = STEP, room: int = 0) -> Sim
 
 def displacements(sim: Simulation) -> np.ndarray:
     """Displacements of the near field with its layers, shape (2, n, n)."""
-    engine, margins = sim.engine, sim.parts.grid.margins
+    grid, margins = sim.parts.grid, sim.parts.grid.margins
     walls = [[0 if sim.sides[axis, side].endless else margins[axis, side] for side in (-1, 1)] for axis in (0, 1)]
-    box = engine.core.view(engine.current)[:, 0]
+    box = grid.core.view(grid.engine.get("u"))[:, 0]
     inner = (slice(low, n - high) for (low, high), n in zip(walls, box.shape[1:], strict=True))
     return np.array(box[(slice(None), *inner)])
 
 
 def strain_energy(sim: Simulation) -> float:
     """Strain energy -u . L u / 2 of the near field with its layers, beyond which nothing moves."""
-    engine = sim.engine
-    level = engine.current.copy()
-    work = float((engine.core.view(level) * engine.core.view(engine.apply_core(level))).sum())
+    core, level = sim.parts.grid.core, sim.engine.get("u").copy()
+    work = float((core.view(level) * core.view(sim.engine.apply_core(level))).sum())
     return -0.5 * work * sim.lattice.spacing**2 / sim.model.source_factor
 
 
@@ -184,11 +183,10 @@ def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarra
         SplitFields(kernel, SPACING, np.stack([pulse(x, y), 0 * x]), published(), dt),
         plate(kernel, Fixed()),
     )
-    done, energies, core = 0, [], still.engine.core
+    done, energies = 0, []
 
     def whole() -> float:
-        margin = (core.nodes[1] - 101) // 2
-        core.view(still.engine.current)[:, 0, margin : margin + 101, margin : margin + 101] = fields.u
+        still.parts.grid.put("u", fields.u)
         return strain_energy(still)
 
     start = whole()

@@ -235,18 +235,18 @@ class Simulation(Run):
         if setup.load_steps is not None:
             self.settled = replace(self.settled, dt=setup.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
-        self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
+        self._at_start(observe, int(team.largest(float(np.prod(parts.grid.core.nodes)))))
         self._end = 0.0  # end of the run, as far as it is known
         self._incident_notes: list[str] = []
         sides_of_all = self.setup.sides if team else self.sides
         self._chooses = any(b.stretched or b.extended or b.undecided for b in sides_of_all.values())
         self._side_selection = SideSelection(parts.autos, [key for key, b in sides_of_all.items() if b.open_ended])
         with team.agreed():
-            self.resting = self._time_loop = TimeLoop(setup, parts, self.of, team)
+            self.resting = self.time_loop = TimeLoop(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
         self._recording: Recording | None = None
         if self.recorders:
-            self._recording = Recording(setup, seen, self.recorders, team, self._time_loop.heating)
+            self._recording = Recording(setup, seen, self.recorders, team, self.time_loop.heating)
         if self._chooses and any(b.until for b in self._given_layers):
             self._select_sides_alone()
 
@@ -262,9 +262,9 @@ class Simulation(Run):
             The part of a source beyond the near field exceeds the side's target; an incident wave that is not known for
             the whole run.
         """
-        if self._time_loop.source_checks is not None:
+        if self.time_loop.source_checks is not None:
             with self.team.agreed():
-                self._time_loop.source_checks.check(until)
+                self.time_loop.source_checks.check(until)
         self._incident_notes = incident_wave_notes(self.incident, until) if self.incident else []
 
     def prepare(self, until: float) -> int:
@@ -347,7 +347,7 @@ class Simulation(Run):
         last = self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
         if self._chooses:
             self._select_sides_alone()
-        time_loop, recording = self._time_loop, self._recording
+        time_loop, recording = self.time_loop, self._recording
         while self.step_count < last:
             with self.team.agreed():
                 with uninterrupted():  # engine, records and clock change together
@@ -363,7 +363,7 @@ class Simulation(Run):
                             if self.probes is not None:
                                 self.probes.add(self.step_count + 1, self.dt, recording.probed())
                         advance_clock(self, made)
-                values = self.engine.core.view(self.engine.current)
+                values = self.parts.grid.core.view(self.engine.get("u"))
                 scale = self.team.largest(time_loop.source_table.scale)
                 place = self.parts.grid.origin, self.lattice.spacing, scale, self.step_count, self.time
                 refuse_explosion(values, *place, lambda: likely_cause(self))
@@ -375,7 +375,7 @@ class Simulation(Run):
             if time_loop.relaxation is not None and (warning := time_loop.relaxation.warning()) is not None:
                 warn_once(self, "not in equilibrium", warning)
             if time_loop.every:
-                check_margin(self, time_loop.margin, time_loop.every, self.engine.current)
+                check_margin(self, time_loop.margin, time_loop.every)
 
     def _set_probes(self, nodes: np.ndarray) -> None:
         if self._recording is None:
@@ -387,7 +387,7 @@ class Simulation(Run):
     @property
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the fields in the near field."""
-        return self._time_loop.fields()
+        return self.time_loop.fields()
 
     def energy(self) -> float:
         """Energy of the near field: kinetic plus strain energy, or stored energy, from `energies`."""
@@ -412,7 +412,7 @@ class Simulation(Run):
         broken - work is conserved: exactly for linear bonds, otherwise to within the error of the time step. The work
         of "friction" between faces of cracks, if they have any, belongs to that sum.
         """
-        return self._time_loop.energies()
+        return self.time_loop.energies()
 
     @property
     def broken_bonds(self) -> int:
@@ -445,7 +445,7 @@ class Simulation(Run):
             raise InputError(
                 "this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)"
             )
-        return self._time_loop.balance()
+        return self.time_loop.balance()
 
     def flux(self) -> np.ndarray:
         """Heat flux (or flux of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
@@ -612,12 +612,12 @@ class Simulation(Run):
         kept = {"cautions": self.cautions, "extra": extra, **progress_of(self)}
         path, given = kinds.path(path, "path"), self.given if self.subdomain is None else self.subdomain.given
         recorded = {} if self._recording is None else self._recording.state()
-        write_state(path, self._time_loop, self.step_count, recorded, kept, given)
+        write_state(path, self.time_loop, self.step_count, recorded, kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
         with self.team.agreed():
             self._side_selection.adopt(self, path)
-        step, arrays, meta = read_state(kinds.path(path, "path"), self._time_loop)
+        step, arrays, meta = read_state(kinds.path(path, "path"), self.time_loop)
         self.step_count, self.time = step, step * self.dt
         if self._recording is not None:
             self._recording.take(arrays, self.step_count)

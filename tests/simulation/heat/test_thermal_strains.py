@@ -161,11 +161,11 @@ def test_a_run_of_heat_beside_it_is_its_field():
     change = np.abs(beside.fields["u"] - np.exp(-sum(x**2 for x in lattice.coordinates()) / 9)).max()
     assert np.abs(1e3 * sim.fields["thermal_strain"] - beside.fields["u"]).max() < 0.05 * change
     again.step(23)
-    arrays, meta = again._time_loop.state(again.step_count)
+    arrays, meta = again.time_loop.state(again.step_count)
     third = run()
     kept = {name: values.copy() for name, values in arrays.items()}
-    assert third._time_loop.take([(meta["boxes"][0], kept)], dict(meta))
-    third._time_loop.complete()
+    assert third.time_loop.take([(meta["boxes"][0], kept)], dict(meta))
+    third.time_loop.complete()
     third.step_count = again.step_count
     third.step(27)
     np.testing.assert_array_equal(third.fields["u"], sim.fields["u"])

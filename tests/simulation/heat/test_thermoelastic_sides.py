@@ -220,7 +220,7 @@ def test_layers_that_choose_themselves_keep_their_targets(number):
 def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
     """Unstretched nodes are put before the layer, whose memory begins with nothing: as many for both fields."""
     sim = fh.Simulation(fh.Lattice(1.0, (-9.0, 0.0), (9.0, 4.0)), both(family=3.0), STRIP)
-    heat = sim._time_loop.heating._heat.parts.grid
+    heat = sim.time_loop.heating._heat.parts.grid
     assert sim.parts.grid.margins == heat.margins
     assert sim.parts.grid.margins[0, 1] == 4  # one plus the reach of the heat
     assert sim.engine.layout.box.nodes == heat.engine.layout.box.nodes
@@ -228,7 +228,7 @@ def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
 
 def matrix_of_a_step(sim):
     """One step of the displacements now and a step ago, the temperature, and the memory of all layers, as a matrix."""
-    time_loop, solid = sim._time_loop, sim.engine
+    time_loop, solid = sim.time_loop, sim.engine
     heating = time_loop.heating
     heat = heating._heat.parts.grid.engine
     of_heat = heat.layout.box.node_indices().ravel()

@@ -49,14 +49,14 @@ class BrokenBonds:
 
     def table(self) -> np.ndarray:
         """Return the present table, sorted; the same array as long as nothing has changed."""
-        engine = self.grid.engine
+        engine, core = self.grid.engine, self.grid.core
         if self._touching:
-            engine.complete(engine.current)
+            engine.complete("u")
         seen = engine.bonds.broken[1], engine.absent.count
         if seen != self._seen or self._touching:
-            nodes, bonds = set_bits(engine.bonds.broken_bits.reshape(-1, engine.core.node_indices().size))
-            at = np.stack(np.unravel_index(nodes, engine.core.nodes), axis=-1)
-            states = self._apart(engine.core.node_indices().ravel()[nodes], bonds)
+            nodes, bonds = set_bits(engine.bonds.broken_bits.reshape(-1, core.node_indices().size))
+            at = np.stack(np.unravel_index(nodes, core.nodes), axis=-1)
+            states = self._apart(core.node_indices().ravel()[nodes], bonds)
             rows = np.column_stack([self.keys(at + self.grid.first, bonds), states])
             rows = rows[np.argsort(rows[:, 0])]
             if not np.array_equal(rows, self._table):
@@ -71,10 +71,11 @@ class BrokenBonds:
         if not self._touching:
             return np.full(len(bonds), GAPING)
         engine, count = self.grid.engine, self.grid.engine.components
-        table, level = engine.bonds.table, engine.current.reshape(count, -1)
-        xi, neighbours = table.table[bonds, :count].astype(float), places + table.places[bonds, 0]
+        thermal_strain, level = engine.get("bonds.thermal_strain"), engine.get("u").reshape(count, -1)
+        xi = engine.get("bonds.table", (bonds, slice(count))).astype(float)
+        neighbours = places + engine.get("bonds.places", (bonds, 0))
         eta = (level[:, neighbours] - level[:, places]).T.astype(float)
-        thermal_strain = (table.thermal_strain[places] + table.thermal_strain[neighbours]) / 2
+        thermal_strain = (thermal_strain[places] + thermal_strain[neighbours]) / 2
         return np.where((xi * eta).sum(1) / (xi**2).sum(1) <= thermal_strain, TOUCHING, GAPING)
 
     def keys(self, at: np.ndarray, bonds: np.ndarray) -> np.ndarray:
@@ -89,7 +90,7 @@ class BrokenBonds:
     def own(self, table: np.ndarray) -> np.ndarray:
         """Return the rows of the nodes of this process."""
         at = self.bonds_of(table[:, 0])[0] - self.grid.first
-        return table[((at >= 0) & (at < self.grid.engine.core.nodes)).all(1)]
+        return table[((at >= 0) & (at < self.grid.core.nodes)).all(1)]
 
 
 def table_changes(before: np.ndarray, now: np.ndarray) -> np.ndarray:
@@ -140,16 +141,15 @@ class InsulatedBonds:
         nodes = np.where(self._period > 0, nodes % np.maximum(self._period, 1), nodes)
         engine, grid = heat.grid.engine, heat.grid
         nodes = nodes - grid.first
-        neighbours, last = nodes + self._offsets[bonds], np.array(engine.core.nodes)
+        neighbours, last = nodes + self._offsets[bonds], np.array(grid.core.nodes)
         kept = ((nodes >= 0) & (nodes < last)).all(1)
         for (axis, side), boundary in heat.layered.sides.items():
             if not (boundary.periodic or boundary.shared):  # the medium beyond continues as it is
                 along = neighbours[:, grid.lead + axis]
                 kept &= along >= 0 if side < 0 else along < last[grid.lead + axis]
-        places = engine.core.origin + nodes[kept] @ np.array(engine.core.stride)
-        steps = engine.offsets @ np.array(engine.core.stride)
+        places = grid.core.origin + nodes[kept] @ np.array(grid.core.stride)
         weights = engine.weights[bonds[kept]] * self._lost[table[row[kept], 1]]
-        return places, places + steps[bonds[kept]], weights
+        return places, places + grid.layout.distances[bonds[kept]], weights
 
 
 def chains(offsets: np.ndarray, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -90,7 +90,7 @@ class StaggeredTemperature(ThermalStrains):
 
     def _temperature_now(self) -> np.ndarray:
         parts = self._heat.parts
-        field = parts.grid.view(parts.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
+        field = parts.grid.get("u").astype(float)
         return np.asarray(field + parts.near.background)
 
     def lay(self, step: int) -> float:
@@ -168,7 +168,7 @@ class CoupledTemperature(StaggeredTemperature):
             factor *= (np.sin(np.pi / 2 * ramp) ** 2).reshape(shape)
         return factor
 
-    def _traces_of(self, level: np.ndarray, apart: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def _traces_of(self, level: str, apart: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Return the isothermal sums of the normal stresses at the nodes of the near field, and at those beyond it that
         have a temperature; if `apart`, the memory of the layers is left unchanged.
         """
@@ -184,15 +184,14 @@ class CoupledTemperature(StaggeredTemperature):
         """Compute the traces and the previous temperature, once the engine has the displacements at the start and one
         step before.
         """
-        engine = self.grid.engine
-        older, _ = self._traces_of(engine.older, apart=True)
-        self._traces, self._traces_beyond = self._traces_of(engine.current)
+        older, _ = self._traces_of("u_old", apart=True)
+        self._traces, self._traces_beyond = self._traces_of("u")
         power = self._released(self._traces, older)
         self._before = self._now - self.near.dt / self._capacity * power
 
     def follow(self, step: int) -> None:
         assert self._traces is not None
-        traces, beyond = self._traces_of(self.grid.engine.current)
+        traces, beyond = self._traces_of("u")
         self._power = self._released(traces, self._traces)
         super().follow(step)
         if self._beyond is not None:

@@ -46,7 +46,7 @@ class SolidAndLiquid:
 
     def set(self, dissolved: np.ndarray) -> None:
         """Give the engine the step at which each node of the near field dissolved (`NEVER` if it is solid)."""
-        core = np.zeros(self.grid.engine.core.nodes, np.int64)
+        core = np.zeros(self.grid.core.nodes, np.int64)
         core[self.grid.near] = dissolved.reshape(core[self.grid.near].shape)
         law = self.dissolution
         set_phases(self.grid.engine, core, law.interface, law.saturation - self.background, law.limited)
@@ -58,7 +58,7 @@ class SolidAndLiquid:
     @property
     def steps(self) -> np.ndarray:
         """Step at which each node dissolved, of the shape of the lattice."""
-        return self.grid.engine.dissolved[self.grid.near].reshape(self.grid.lattice.shape)
+        return self.grid.get("phases.dissolved")
 
     @property
     def solid(self) -> np.ndarray:
@@ -81,7 +81,7 @@ class SolidAndLiquid:
     @property
     def most(self) -> float:
         """Largest concentration in the liquid relative to the saturation, both relative to the background."""
-        liquid = np.where(self.solid, -np.inf, self.grid.view(self.grid.engine.current).reshape(self.first.shape))
+        liquid = np.where(self.solid, -np.inf, self.grid.get("u"))
         return float(liquid.max()) / (self.dissolution.saturation - self.background)
 
     def warning(self, most: float) -> str | None:

@@ -75,15 +75,15 @@ class ThermalStrains:
     @property
     def strains(self) -> np.ndarray:
         """Thermal strains of the nodes now, of the shape of the lattice."""
-        thermal_strain = self.grid.engine.tables.heat.thermal_strain[self.grid.nodes]
+        thermal_strain = self.grid.engine.get("heat.thermal_strain", self.grid.nodes)
         return thermal_strain.astype(float).reshape(self.near.lattice.shape)
 
     def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
         """Return sums of the thermal strains over nodes (flat numbers in the near field) with weights, both of shape
         (n, m), after each of the last steps, within which there was no sample; shape (steps, n).
         """
-        heat, places = self.grid.engine.tables.heat, self.grid.nodes.ravel()[nodes]
-        now, rate = ((values[places] * weights).sum(1) for values in (heat.thermal_strain, heat.rate))
+        engine, places = self.grid.engine, self.grid.nodes.ravel()[nodes]
+        now, rate = ((engine.get(f"heat.{name}", places) * weights).sum(1) for name in ("thermal_strain", "rate"))
         return np.asarray(now - np.arange(steps)[::-1, None] * rate)
 
     def begin(self) -> None:
@@ -132,7 +132,7 @@ class ThermalStrains:
     @property
     def temperature(self) -> np.ndarray:
         """Temperature at the nodes now, linear in time between samples."""
-        step = self.grid.engine.steps_done
+        step, _ = self.grid.engine.clock
         part = step % self.every / self.every if self.every else 0.0
         start = step - step % self.every if self.every else 0
         return (1 - part) * self._known[start] + (part * self._known[start + self.every] if part else 0.0)

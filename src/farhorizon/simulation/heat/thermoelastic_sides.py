@@ -125,6 +125,6 @@ class ThermoelasticNodes:
 
 def _beyond(grid: Grid) -> np.ndarray:
     """Return the places of the nodes beyond the near field, in the order of the box."""
-    places, inside = grid.engine.layout.box.node_indices(), np.zeros(grid.engine.layout.size, bool)
+    places, inside = grid.layout.box.node_indices(), np.zeros(grid.layout.size, bool)
     inside[grid.nodes] = True
     return np.asarray(places[~inside[places]])

@@ -35,7 +35,7 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
     beyond = cost_beyond(run.parts.layered, run.stencil, run.lattice)
     cost = cost_per_node(run.setup, run.model, run.lattice)
     along = cost_along(run.setup, run.model, beyond)
-    all_nodes = float(np.prod(run.engine.layout.box.nodes))
+    all_nodes = float(run.engine.size)
     for count, given in [*((count, None) for count in _COUNTS), *asked]:
         try:
             boxes = boxes_of(run.setup, run.model, run.parts.layered, count, given, work=along)
@@ -102,9 +102,9 @@ def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
     `farhorizon.engine.exchange.free_of_halos`: 0 for states that break, and for metal that dissolves, because some of
     it may lie beside cuts.
     """
-    if not run.engine.tables.bonds.forces or run.engine.tables.phases.runs.size:
+    if not run.engine.bonds.forces or run.engine.get("phases.runs").size:
         return 0
-    nodes, reach = boxes.size(number, nodes_beyond(run)), run.engine.layout.reach[-run.lattice.dim :]
+    nodes, reach = boxes.size(number, nodes_beyond(run)), run.parts.grid.layout.reach[-run.lattice.dim :]
     for (axis, _), neighbour in boxes.neighbours(number).items():
         nodes[axis] -= reach[axis] * (neighbour >= 0 and axis < run.lattice.dim - 1)
     return int(np.prod(np.maximum(nodes, 0)))
@@ -112,7 +112,7 @@ def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
 
 def nodes_beyond(run: Any) -> dict[Key, int]:
     """Return the number of nodes of the engine beyond each side of the near field: margins and layers."""
-    grid, layout = run.parts.grid, run.engine.layout
+    grid, layout = run.parts.grid, run.parts.grid.layout
     sides = {-1: layout.low, 1: layout.high}
     return {
         (axis, side): grid.margins[axis, side] + sides[side][grid.lead + axis]

@@ -13,9 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.engine.bonds import factors_of
-from farhorizon.engine.engine import Engine
-from farhorizon.engine.tables import Cuts
+from farhorizon.engine.missing_bonds import FAINT
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
@@ -26,7 +24,6 @@ from farhorizon.simulation.setup.near_field import NearField
 #: Takes the number of an offset and returns the factor of each node's bond along it, shape (n..): 0 where the bond is
 #: absent, the ratio of the conductivities in composites.
 Bonds = Callable[[int], np.ndarray]
-_FAINT = 1e-12  # remaining fractions of a bond below this are rounding error
 _SINGULAR = 1e-8  # second moments of the remaining bonds, relative to those of all
 
 
@@ -138,19 +135,19 @@ def flux_tables(
     check_drift(near, "flux")
     check_lossless(near.model, "flux", "Receivers of the field")
     engine, stencil = grid.engine, near.stencil
-    u = grid.view(engine.current).reshape(near.lattice.shape).astype(float)
+    u = grid.get("u").astype(float)
     if phases is not None and phases.dissolution.limited:  # the value of the metal in bonds between the phases
         u = np.where(phases.solid, phases.dissolution.saturation - near.background, u)
     nodes = grid.nodes.ravel()
-    inside = np.zeros(engine.layout.size, bool)
+    inside = np.zeros(grid.layout.size, bool)
     inside[nodes] = True
 
     def factor(number: int) -> np.ndarray:
-        neighbours = nodes + int(engine.offsets[number] @ np.array(engine.core.stride))
+        neighbours = nodes + grid.layout.distances[number]
         weight = engine.weights[number]
         missing = engine.absent.lost(nodes, neighbours, weight) / weight
-        factor_left = factors_of(engine.tables.material, nodes, neighbours) * (1 - missing)
-        return np.where(inside[neighbours] & (factor_left > _FAINT), factor_left, 0.0).reshape(near.lattice.shape)
+        factor_left = engine.factors(nodes, neighbours) * (1 - missing)
+        return np.where(inside[neighbours] & (factor_left > FAINT), factor_left, 0.0).reshape(near.lattice.shape)
 
     return u, stencil.offsets, stencil.weights * near.model.coefficient / near.model.source_factor, factor
 
@@ -171,34 +168,3 @@ def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
             remedy="move it inside or enlarge the lattice",
         )
     return number, row
-
-
-def is_cut(cuts: Cuts, size: int, nodes: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether the bond from each of some places to another is cut, and if so its number among those cut; `size`
-    is the number of places in a level.
-    """
-    keys, keys_asked = cuts.nodes * size + cuts.neighbours, nodes * size + neighbours
-    if not keys.size:
-        return np.zeros(len(nodes), bool), np.zeros(len(nodes), np.int64)
-    order = np.argsort(keys)
-    at = order[np.minimum(np.searchsorted(keys[order], keys_asked), keys.size - 1)]
-    return keys[at] == keys_asked, at
-
-
-def bonds_left(engine: Engine, nodes: np.ndarray, neighbours: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the remaining factor of a bond of the given weight from each of some places to another; 0 where it is
-    absent. Where forces follow from states, a bond and its spring are either present or absent.
-    """
-    of_states, exists = engine.passes is not None, engine.absent.exists
-    cuts = engine.tables.gradient_pass.cuts if of_states else engine.tables.cuts
-    cut, at = is_cut(cuts, engine.layout.size, nodes, neighbours)
-    lost = cut.astype(float)
-    if cut.any() and not of_states:
-        largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
-        taken = cuts.weights.reshape(-1, *weight.shape)[(slice(None), *largest)] / weight[largest]
-        lost[cut] = taken[at[cut]]
-    factors = factors_of(engine.tables.material, nodes, neighbours)
-    at_surfaces = engine.absent.factors_at_surfaces(nodes, neighbours)
-    factors = factors * np.where(cut & (not of_states), 1.0, at_surfaces)  # those of springs are among what is cut
-    factor_left = factors * (1 - lost) * (exists[nodes] & exists[neighbours])
-    return np.where(factor_left > _FAINT, factor_left, 0.0)

@@ -179,7 +179,7 @@ def _weights(domain: InteractionDomain, parts: RunParts, loads: Sequence[Any]) -
 
     def pulled(values: np.ndarray) -> np.ndarray:
         """Return the forces that the bonds exert on the nodes for a field of shape (nodes, components)."""
-        level = np.zeros(engine.levels.shape[1], engine.dtype)
+        level = engine.level()
         level[grid.indices] = values[own_nodes].T.reshape(grid.indices.shape)
         if team:
             engine.complete(level)

@@ -15,7 +15,7 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import RunParts
-from farhorizon.simulation.recorders.flux import bonds_left, is_cut, plane
+from farhorizon.simulation.recorders.flux import plane
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
 from farhorizon.simulation.recorders.receivers import as_frequencies, check_frequencies
 from farhorizon.simulation.recorders.recorder import Arrays, Plane, RecordRequest, RowRecorder, Window, check_begun
@@ -318,7 +318,7 @@ def _crossing(parts: RunParts, surface: _Surface) -> _Bonds:
         within, crosses = ~outside.any(axis=1), side_change > 0
         leads_out = outside[:, surface.axes].any(axis=1) & (side_change != 0)
         some = np.flatnonzero(crosses & within | leads_out)
-        factor_left = bonds_left(engine, here[some], here[some] + int(offset @ np.array(engine.core.stride)), weight)
+        factor_left = engine.absent.left(here[some], here[some] + grid.layout.distances[number], weight)
         if (factor_left[leads_out[some]] > 0).any():
             raise _leads_out(parts, surface)
         existing, factor_left = some[factor_left > 0], factor_left[factor_left > 0]
@@ -424,14 +424,10 @@ def _states_at(parts: RunParts, nodes: np.ndarray) -> _NodeStates:
     wraps = np.array([parts.whole.sides[a, -1].periodic for a in range(lattice.dim)])
     dim = sums.shapes.shape[1]
     shapes, known = np.zeros((len(here), dim, dim)), np.ones((len(here), lattice.dim), bool)
-    bonds, exists = [], engine.absent.exists
+    bonds, exists = [], engine.get("exists")
     for k, offset in enumerate(engine.offsets):
-        neighbours = here + int(offset @ np.array(engine.core.stride))
-        present = (
-            exists[here]
-            & exists[neighbours]
-            & ~is_cut(engine.tables.gradient_pass.cuts, engine.layout.size, here, neighbours)[0]
-        )
+        neighbours = here + parts.grid.layout.distances[k]
+        present = exists[here] & exists[neighbours] & ~engine.absent.is_cut(here, neighbours)
         neighbour_index = index + offset[parts.grid.lead :]
         neighbour_index = np.where(wraps, neighbour_index % shape, neighbour_index)
         within = (neighbour_index >= 0) & (neighbour_index < shape)

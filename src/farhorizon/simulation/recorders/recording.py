@@ -177,21 +177,23 @@ class Recording:
         engine, lead = self._grid.engine, self._grid.lead
         places = self._grid.nodes.ravel()
         of_nodes = [self._own_probed[0], *(served.nodes for served in self._served)]
-        engine.record_nodes(np.concatenate([engine.all_components(places[nodes]) for nodes in of_nodes]))
         sums: list[tuple[np.ndarray, list[np.ndarray]]] = []
         for blocks in (blocks for served in self._served for blocks, which in served.blocks if len(which)):
             first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
-            sums += [(first + component * engine.layout.size, along) for component in range(engine.components)]
+            sums += [(first + component * self._grid.layout.size, along) for component in range(engine.components)]
         record_blocks(engine, sums)
         requests = [served.request for served in self._served]
         count = len(self._probed) + sum(
             len(asked.nodes) + sum(len(b.first) for b in asked.blocks) for asked in requests
         )
         self._kept = engine.components * count  # how many numbers per step, over all processes
-        engine.watch_stride = math.gcd(*(asked.every for asked in requests), int(self._probed.size > 0)) or 1
-        engine.forces_wanted = any(asked.held for asked in requests)
-        engine.impactors_recorded = any(asked.impactors for asked in requests)
+        engine.record_nodes(
+            np.concatenate([engine.all_components(places[nodes]) for nodes in of_nodes]),
+            math.gcd(*(asked.every for asked in requests), int(self._probed.size > 0)) or 1,
+            any(asked.held for asked in requests),
+            any(asked.impactors for asked in requests),
+        )
 
     def _part_of(self, recorder: Recorder, request: RecordRequest) -> _Served:
         lattice = self._near.lattice
@@ -218,10 +220,9 @@ class Recording:
     def _now(self, served: _Served) -> StepValues:
         """Return what a recorder receives for the previous step and the present one, from the present state."""
         engine, grid = self._grid.engine, self._grid
-        order = self._near.model.order
-        levels = [engine.older, engine.current] if order == 2 else [engine.current] * 2
-        flat = [np.array(grid.view(level), float).reshape(engine.components, -1).T for level in levels]
-        values = np.stack(flat)  # (2, nodes, components)
+        names = ("u_old" if self._near.model.order == 2 else "u", "u")
+        # (2, nodes, components)
+        values = np.stack([np.array(grid.get(name), float).reshape(engine.components, -1).T for name in names])
         block_values = []
         for blocks, _ in served.blocks:
             nodes, weights = blocks.entries()
@@ -275,35 +276,37 @@ class Recording:
     def add(self, step: int) -> None:
         """Pass the values that the loop has kept in its last steps, from number `step` on, to the recorders."""
         engine, row = self._grid.engine, 0
+        node_values, block_values = engine.get("node_values"), engine.get("block_values")
         start = self._width(self._own_probed[0])
         for served in self._served:
             end = start + self._width(served.nodes)
-            nodes, start = _by_component(engine.node_values[:, start:end], engine.components), end
-            block_values = []
+            nodes, start = _by_component(node_values[:, start:end], engine.components), end
+            sums = []
             for blocks, _ in served.blocks:
                 last = row + engine.components * len(blocks.first)
-                block_values.append(_by_component(engine.block_values[:, row:last], engine.components))
+                sums.append(_by_component(block_values[:, row:last], engine.components))
                 row = last
-            values, held = self._of_all(served, nodes, block_values), served.request.held
+            values, held = self._of_all(served, nodes, sums), served.request.held
             if held:
                 values = values._replace(forces=self._forces(step, held))
             elif served.request.impactors:
-                values = values._replace(forces=engine.impactor_values)
+                values = values._replace(forces=engine.get("impactor_values"))
             served.recorder.add(step, values)
 
     def _forces(self, step: int, groups: Sequence[np.ndarray]) -> np.ndarray:
         """Return the sums over groups of nodes of the forces that held them in the last steps, from number `step` on;
         shape (steps, groups, components).
         """
-        engine, lattice = self._grid.engine, self._near.lattice
+        held_forces, components = self._grid.engine.get("held_forces"), self._grid.engine.components
+        lattice = self._near.lattice
         component, node = np.divmod(self._near.prescribed.held(step - 1), int(np.prod(lattice.shape)))
-        sums = np.zeros((len(engine.held_forces), len(groups), engine.components))
+        sums = np.zeros((len(held_forces), len(groups), components))
         for number, group in enumerate(groups):
             inside = np.isin(node, self._nodes_of(group)[0])
-            for axis in range(engine.components):
+            for axis in range(components):
                 which = np.flatnonzero(inside & (component == axis))
                 # row by row in the same order, however many steps are added at once
-                sums[:, number, axis] = np.ascontiguousarray(engine.held_forces[:, which]).sum(1)
+                sums[:, number, axis] = np.ascontiguousarray(held_forces[:, which]).sum(1)
         return self._team.summed(sums)
 
     def probed(self) -> np.ndarray:
@@ -312,7 +315,7 @@ class Recording:
         """
         near, engine = self._near, self._grid.engine
         own_nodes, which = self._own_probed
-        values = engine.node_values[:, : self._width(own_nodes)] + near.background
+        values = engine.get("node_values")[:, : self._width(own_nodes)] + near.background
         values = _by_component(values, engine.components)
         if near.hidden is not None:
             values[:, near.hidden.ravel()[own_nodes]] = np.nan

@@ -47,7 +47,7 @@ class CutBonds:
         size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
         order = np.argsort(-size, kind="stable")  # where two cracks cross a bond, the one that removes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
-        _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
+        _, first = np.unique(nodes * self.grid.layout.size + neighbours, return_index=True)
         bare = self.free_rim or not all(b.bonded for b in self.layered.sides.values())
         engine.absent.set(
             nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None
@@ -77,7 +77,7 @@ class CutBonds:
         """
         if id(crack) in self._known:
             return self._known[id(crack)][1]
-        engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
+        engine, block, lead = self.grid.engine, self.grid.core, self.grid.lead
         cut, lost = crack.cut, 1 - crack.factor
         crossed = self._crossed(cut)
         nodes, bonds = cut_bonds(
@@ -104,7 +104,7 @@ class CutBonds:
         outside the body.
         """
         lattice, engine = self.near.lattice, self.grid.engine
-        core = np.ones(engine.core.nodes)
+        core = np.ones(self.grid.core.nodes)
         if body and lattice.existing is not None:
             core = self.grid.grown(lattice.existing.astype(float))
         beyond = {key: 0.0 for key, b in self.layered.sides.items() if not b.bonded}
@@ -112,7 +112,7 @@ class CutBonds:
 
     def _beyond_halo(self, closure: OutlineCondition) -> list[Bonds]:
         """Return the bonds that lead from the near field beyond a halo thinner than the reach of the stencil."""
-        engine, block = self.grid.engine, self.grid.engine.core
+        engine, block = self.grid.engine, self.grid.core
         at_rest = self.grid.keyed(dict.fromkeys(closure.outline.sides, 0.0))
         exists = engine.spread(np.reshape(~closure.outside, block.nodes), at_rest) > 0.5
         near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
@@ -147,7 +147,7 @@ class CutBonds:
         """Return the bonds inside a layer that a crack parallel to its normal cuts, continued from those at the last
         nodes of the core; for two layers, those in their common corner.
         """
-        engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
+        engine, block, lead = self.grid.engine, self.grid.core, self.grid.lead
         strides = block.stride[lead:]
         places = np.zeros(1, np.int64)
         rest, last = nodes.copy(), np.ones(len(nodes), bool)
@@ -173,13 +173,13 @@ class CutBonds:
         only bonds that its straight continuation cuts, too.
         """
         axis, side = key
-        count = self.grid.engine.core.nodes[self.grid.lead + axis]
+        count = self.grid.core.nodes[self.grid.lead + axis]
         for column in range(self.near.stencil.reach[axis] + 1):
             in_column = nodes[:, axis] == (count - 1 - column if side > 0 else column)
             if {tuple(row) for row in rows[in_column].tolist()} != continued:
                 raise self._oblique(cut, key)
         spacing, columns = self.near.lattice.spacing, self.layered.layers[key].columns
-        shape = list(self.grid.engine.core.nodes[self.grid.lead :])
+        shape = list(self.grid.core.nodes[self.grid.lead :])
         origin = self.grid.origin.copy()
         origin[axis] += spacing * (shape[axis] if side > 0 else -columns)
         shape[axis] = columns

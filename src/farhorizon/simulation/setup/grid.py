@@ -12,8 +12,8 @@ import numpy as np
 from farhorizon.engine.codegen.matrices import Signs
 from farhorizon.engine.engine import Engine, Layer
 from farhorizon.engine.exchange import Link
-from farhorizon.engine.filter import filter_with_images
-from farhorizon.engine.settings import connect, set_density, set_relaxations
+from farhorizon.engine.layout import Block, Layout
+from farhorizon.engine.settings import connect, set_density, set_images, set_relaxations
 from farhorizon.engine.two_pass import StateSums
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
@@ -39,9 +39,19 @@ class Grid:
     walled: frozenset[Key]  # fixed sides beyond which there are such nodes
 
     @property
+    def layout(self) -> Layout:
+        """Where the nodes of the core and the layers are in a level."""
+        return self.engine.layout
+
+    @property
+    def core(self) -> Block:
+        """The core in a level."""
+        return self.engine.core
+
+    @property
     def walls(self) -> np.ndarray:
         """Places of the core's margins beyond fixed sides, and of layers along them."""
-        nodes = self.engine.layout.box.node_indices()
+        nodes = self.layout.box.node_indices()
         beyond = np.zeros(nodes.shape, bool)
         for axis, side in self.walled:
             margin = self.margins[axis, side]
@@ -51,7 +61,7 @@ class Grid:
 
     def clear_walls(self, values: np.ndarray) -> None:
         """Set values at places of a level to zero at the `walls`, and where the halo repeats them."""
-        layout = self.engine.layout
+        layout = self.layout
         values_with_halo = layout.box.all(values)
         for axis, side in self.walled:
             margin = self.margins[axis, side] + layout.reach[self.lead + axis]
@@ -80,15 +90,24 @@ class Grid:
         below = np.array([self.margins[a, -1] for a in range(self.lattice.dim)])
         return self.lattice.lower - self.lattice.spacing * below
 
+    def get(self, name: str) -> np.ndarray:
+        """Return values by name (`Engine.get`) at the nodes of the near field, components first; a view, to be read."""
+        values = self.view(self.engine.get(name))
+        return values.reshape(*values.shape[:-3], *self.lattice.shape)
+
+    def put(self, name: str, values: np.ndarray) -> None:
+        """Set values by name at the nodes of the near field."""
+        self.engine.put(name, values.ravel(), (..., self.indices))
+
     def view(self, level: np.ndarray) -> np.ndarray:
         """Return a view of the near field of a level, components first."""
         where: tuple[Any, ...] = (..., *self.near)
-        return self.engine.core.view(level)[where]
+        return self.core.view(level)[where]
 
     @property
     def nodes(self) -> np.ndarray:
         """Places of the near field's nodes in a level of one component."""
-        return self.engine.core.node_indices()[self.near]
+        return self.core.node_indices()[self.near]
 
     @property
     def indices(self) -> np.ndarray:
@@ -230,7 +249,7 @@ def make_grid(
         link, neighbours = exchange
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})
     images = {(lead + axis, side): b.image for (axis, side), b in sides.items() if b.image}
-    engine.replace(filter=filter_with_images(engine.tables.filter, engine.layout, images))
+    set_images(engine, images)
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
     if near.density is not None:
@@ -313,8 +332,8 @@ def _hold_beyond(grid: Grid, near: NearField, layered: LayeredSides, key: Key, v
             key="boundary",
             remedy="set background (of a Thermoelastic its reference), or use Periodic or Free",
         )
-    engine, block = grid.engine, grid.engine.core
+    engine, block = grid.engine, grid.core
     m = block.reach[axis]
     strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
-    for level in engine.levels[: engine.stages.levels - engine.stages.increments]:
-        block.all(level)[strip] = value - near.background
+    places = block.all(np.arange(block.origin + grid.layout.size))[strip]
+    engine.put("levels", value - near.background, (slice(engine.stages.levels - engine.stages.increments), places))

@@ -61,12 +61,12 @@ def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
 
     The operator is symmetric, so Lanczos' method finds it, from below; nodes that never move are at zero.
     """
-    engine, layout = grid.engine, grid.engine.layout
+    engine, layout = grid.engine, grid.layout
     places = layout.box.node_indices()
-    exists = engine.absent.exists[places]
+    exists = engine.get("exists", places)
     nodes = engine.all_components(places[exists]).reshape(engine.components, -1)
     root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
-    level, operator = np.zeros(engine.levels.shape[1], engine.dtype), engine.core_operator()
+    level, operator = engine.level(), engine.core_operator()
 
     def applied(values: np.ndarray) -> np.ndarray:
         level[nodes] = root * values
@@ -103,8 +103,8 @@ def _noise(grid: Grid, team: ProcessGroup, places: np.ndarray) -> tuple[np.ndarr
     would decrease with the size of the box. For n unknowns, m applications miss at most (ln n / 4 m)^2 of the rate.
     """
     engine = grid.engine
-    box, components = engine.layout.box, engine.components
-    first = [n - low for n, low in zip(grid.first, engine.layout.low, strict=True)]
+    box, components = grid.layout.box, engine.components
+    first = [n - low for n, low in zip(grid.first, grid.layout.low, strict=True)]
     at = [index + n for index, n in zip(box.coordinates(places).T, first, strict=True)]
     # the value of a node depends on its place alone, whichever process has it
     values = np.stack([uniform(seed, *at) - 0.5 for seed in range(components)])
@@ -126,13 +126,12 @@ def _unlike(grid: Grid, team: ProcessGroup, places: np.ndarray) -> np.ndarray:
     unlike = np.isin(places, engine.absent.stiffened[0])
     if passes is None:  # without states no absent bond makes another one stiffer
         return unlike
-    law = engine.tables.gradient_pass.sweep.law
-    unlike |= np.isin(places, law.nodes)
-    if team.any(bool(law.local.size)):
-        near = engine.layout.near.node_indices()
+    unlike |= np.isin(places, engine.get("gradient_pass.sweep.law.nodes"))
+    if team.any(bool(engine.get("gradient_pass.sweep.law.local").size)):
+        near = grid.layout.near.node_indices()
         for modulus in passes.moduli_at(near.ravel()).T:
             moduli = engine.spread(modulus.reshape(near.shape), jointly=True)
-            for step, reach in zip(engine.layout.box.stride, engine.layout.reach, strict=True):
+            for step, reach in zip(grid.layout.box.stride, grid.layout.reach, strict=True):
                 for neighbour in (places - step, places + step) if reach else ():
                     unlike |= moduli[neighbour] != moduli[places]
     return unlike

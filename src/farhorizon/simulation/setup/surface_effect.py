@@ -86,7 +86,7 @@ def apparent_modulus(
     engine, indices = parts.grid.engine, parts.grid.indices
 
     def forces(values: np.ndarray) -> np.ndarray:
-        level = np.zeros(engine.levels.shape[1], engine.dtype)
+        level = engine.level()
         level[indices] = values.reshape(indices.shape)
         return np.asarray(engine.apply_core(level)[indices], float).reshape(dim, *shape)
 

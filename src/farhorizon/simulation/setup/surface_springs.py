@@ -13,11 +13,11 @@ from farhorizon.simulation.setup.setup import side_name
 
 def stiffen_surfaces(cuts: CutBonds) -> None:
     """Have the engine stiffen the bonds of nodes that lack some, beyond free sides or outside a body."""
-    engine, block, lead = cuts.grid.engine, cuts.grid.engine.core, cuts.grid.lead
+    engine, block, lead = cuts.grid.engine, cuts.grid.core, cuts.grid.lead
     exists = cuts.existing(cuts.free_rim)
     nodes = block.node_indices()
     present = np.zeros((-(-len(engine.offsets) // 8), *nodes.shape), np.uint8)  # a bit for each bond
-    for bond, distance in enumerate(engine.layout.distances):
+    for bond, distance in enumerate(cuts.grid.layout.distances):
         present[bond // 8] |= (exists[nodes + distance] & exists[nodes]).astype(np.uint8) << np.uint8(7 - bond % 8)
     families, kinds = np.unique(present.reshape(len(present), -1), axis=1, return_inverse=True)
     offsets = engine.offsets[:, lead:]
@@ -33,7 +33,7 @@ def stiffen_surfaces(cuts: CutBonds) -> None:
 
 def _check_entrances(cuts: CutBonds, of_nodes: np.ndarray) -> None:
     """Refuse numbers that change along the normal within one reach of a layer, which continues the last of them."""
-    lead, reach = cuts.grid.lead, cuts.grid.engine.layout.reach
+    lead, reach = cuts.grid.lead, cuts.grid.layout.reach
     for axis, side in cuts.layered.layers:
         last = np.moveaxis(of_nodes, 1 + lead + axis, 1)[:, ::-side][:, : reach[lead + axis] + 1]
         if (last != last[:, :1]).any():

@@ -92,7 +92,7 @@ def hold_and_damp(near: NearField, layered: LayeredSides, cuts: CutBonds, fixed_
     held = engine.absent.outside
     if fixed_rim:
         exists = cuts.existing(True)
-        nodes = engine.layout.box.node_indices()
+        nodes = grid.layout.box.node_indices()
         held = nodes[~exists[nodes]]
     steady, leaking, leak = _continued(near, grid)
     held = np.concatenate([held, grid.walls])
@@ -116,12 +116,12 @@ def _continued(near: NearField, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.
     nodes that lose heat, with their rates, including those beyond it.
     """
     engine = grid.engine
-    beyond = np.ones(engine.layout.size, bool)
+    beyond = np.ones(grid.layout.size, bool)
     beyond[grid.nodes] = False
-    places = engine.layout.box.node_indices()
+    places = grid.layout.box.node_indices()
     outside = places[beyond[places]]
     steady = [
-        outside[engine.spread(grid.grown(held.astype(float)))[outside] > 0] + number * engine.layout.size
+        outside[engine.spread(grid.grown(held.astype(float)))[outside] > 0] + number * grid.layout.size
         for number, held in enumerate(_held(near)[1])
     ]
     leak = engine.spread(grid.grown(_leak(near)))
@@ -135,7 +135,7 @@ def _damped(
     """Return the nodes of the sponges that are not held, their factors on the old and the new increment, and their loss
     rates.
     """
-    layout, lead, model = grid.engine.layout, grid.lead, near.model
+    layout, lead, model = grid.layout, grid.lead, near.model
     rate = np.zeros(layout.box.nodes)
     for (axis, side), boundary in layered.sides.items():
         if boundary.damped:
@@ -162,9 +162,9 @@ def _supported(
     damping of the box.
     """
     engine, dt, damping = grid.engine, near.dt, near.model.damping
-    nodes = engine.layout.box.node_indices()
+    nodes = grid.layout.box.node_indices()
     free = nodes[~np.isin(nodes, held)]
-    in_sponges = np.zeros(engine.layout.size)
+    in_sponges = np.zeros(grid.layout.size)
     in_sponges[nodes] = sponges
     columns = []
     for number, (stiffness, rate) in enumerate(zip(*supports, strict=True)):
@@ -174,6 +174,6 @@ def _supported(
         drag, total = damping * dt, (damping + dashpots[at]) * dt
         after = (1 + drag) / (1 + total)
         # the spring is part of what the damping acts on, which the leak is not
-        columns.append((free[at] + number * engine.layout.size, (1 - total) / (1 - drag), after, after * springs[at]))
+        columns.append((free[at] + number * grid.layout.size, (1 - total) / (1 - drag), after, after * springs[at]))
     places, before, after, leak = (np.concatenate(parts) for parts in zip(*columns, strict=True))
     return places, before, after, leak

@@ -25,7 +25,7 @@ def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarr
     if stencil.components > 1:
         _check_solid(near)
     dx = lattice.spacing
-    shape = grid.engine.core.nodes[grid.lead :]
+    shape = grid.core.nodes[grid.lead :]
     inside = np.zeros(shape, bool)
     inside[grid.near[-lattice.dim :]] = True if near.closed is None else near.closed
     outline = Outline(
@@ -52,7 +52,7 @@ def outline_condition(near: NearField, sides: Sides, grid: Grid, solid: np.ndarr
         () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
     )
     condition = OutlineCondition(outline, medium)
-    condition.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
+    condition.attach(grid.engine, grid.core.node_indices().reshape(shape))
     _check_outline(condition, near, grid, solid)
     return condition
 
@@ -110,7 +110,7 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
     unit = near.model.coefficient / near.lattice.spacing**2
     bonds = [half_weights(near.stencil, unit, side) for side in ends]
     count = near.stencil.reach[0]
-    line = grid.engine.core.node_indices().ravel()
+    line = grid.core.node_indices().ravel()
     stiff, heavy = (
         [1.0 if values is None else float(values[node]) for node in last.values()] for values in (factor, density)
     )

@@ -302,19 +302,21 @@ class BreakableBonds:
         if not held.any() or not np.isfinite(limit):
             return None
         bonds = lattice.spacing * offsets.astype(float)
-        if len(engine.bonds.table.released):  # bonds that break by energy share the elongation limit of the longest one
+        if len(
+            engine.get("bonds.released")
+        ):  # bonds that break by energy share the elongation limit of the longest one
             lengths = np.linalg.norm(bonds, axis=1)
             bonds *= (lengths.max() / lengths)[:, None]
         crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
         return IntactMargin(
-            engine.core.node_indices()[part].reshape(lattice.shape)[outside][held],
+            self.grid.nodes.reshape(lattice.shape)[outside][held],
             corners[held],
             np.ascontiguousarray(bits[:, held]),
-            engine.offsets @ np.array(engine.core.stride),
+            self.grid.layout.distances,
             np.ascontiguousarray(bonds, float),
             limit,
             law.nonlinear,
-            engine.bonds.table.strength,
+            engine.get("bonds.strength").copy(),
             max(1, int(crossing / near.dt)),
             bool(self.regions),
         )
@@ -388,13 +390,14 @@ class BreakableBonds:
             )
 
 
-def check_margin(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
+def check_margin(run: Any, margin: IntactMargin | None, every: int) -> None:
     """Warn if bonds in the margin of a run are stretched beyond their limit, every `every` steps, if that is positive;
     on several processes any of them may have such bonds.
     """
     if not every or run.step_count < run.next_look:
         return
     run.next_look = (run.step_count // every + 1) * every
+    level = run.engine.get("u").copy()
     warnings_of_all = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
     warning = next((text for text in warnings_of_all if text is not None), None)
     if warning is not None:

@@ -28,7 +28,7 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
     near, engine, model = parts.near, parts.grid.engine, parts.near.model
     lattice, law, dissolution = near.lattice, model.bond_law, model.dissolution
     facts = {
-        "levels": len(engine.levels),
+        "levels": len(engine.get("levels")),
         "dtype": engine.dtype.name,
         "dt": near.dt,
         "shape": list(lattice.shape),
@@ -55,7 +55,7 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
     if parts.ends is not None:
         facts["exact"] = parts.ends.names
     if parts.closure is not None:
-        facts |= {"fringe": list(engine.outline_history.shape), "update": parts.closure.mark()}
+        facts |= {"fringe": list(engine.get("outline_history").shape), "update": parts.closure.mark()}
     if law is not None:
         facts["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
     heat = setup.heat
@@ -130,13 +130,13 @@ def whole_of(parts: RunParts) -> tuple[Arrays, dict[str, Any]]:
         more, meta["exact"] = parts.ends.save()
         arrays |= more
     if parts.closure is not None:
-        arrays["fringe"] = engine.outline_history
-    if engine.tables.stretches.memory.size:
-        arrays["stretches"] = engine.tables.stretches.memory
+        arrays["fringe"] = engine.get("outline_history")
+    if engine.get("stretches.memory").size:
+        arrays["stretches"] = engine.get("stretches.memory")
     if parts.impactors is not None:
-        arrays["impactors"] = parts.impactors.state
-    if engine.tables.faces.slips.size:
-        arrays["slips"] = engine.tables.faces.slips
+        arrays["impactors"] = engine.get("impactors.state")
+    if engine.get("faces.slips").size:
+        arrays["slips"] = engine.get("faces.slips")
     return arrays, meta
 
 
@@ -146,12 +146,12 @@ def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[
     if parts.ends is not None:
         parts.ends.load(arrays, meta["exact"])
     if parts.closure is not None:
-        engine.outline_history[...] = arrays["fringe"]
-    if engine.tables.stretches.memory.size:
-        engine.tables.stretches.memory[...] = arrays["stretches"]
+        engine.put("outline_history", arrays["fringe"])
+    if "stretches" in arrays:
+        engine.put("stretches.memory", arrays["stretches"])
     if parts.impactors is not None:
-        parts.impactors.state[...] = arrays["impactors"]
-    if engine.tables.faces.slips.size:
-        engine.tables.faces.slips[...] = arrays["slips"]
+        engine.put("impactors.state", arrays["impactors"])
+    if "slips" in arrays:
+        engine.put("faces.slips", arrays["slips"])
     for name, sums in parts_of_sums(engine).items():
         sums[...] = arrays[f"sums/{name}"]

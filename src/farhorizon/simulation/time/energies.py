@@ -16,8 +16,7 @@ from farhorizon.simulation.setup.setup import Sides
 
 def kinetic_energy(near: NearField, grid: Grid) -> float:
     """Return the kinetic energy of waves half a step ago."""
-    engine = grid.engine
-    rate = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
+    rate = (_there(near, grid.get("u")).astype(float) - _there(near, grid.get("u_old"))) / near.dt
     return _kinetic(near, rate)
 
 
@@ -39,18 +38,18 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
     near, grid, breaking = parts.near, parts.grid, parts.breaking
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:
-        total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
+        total = (_there(near, grid.get("u")).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = near.mass
     lossy = near.model.attenuation is not None
-    if lossy and not engine.tables.dissipation.share.size:  # what the mechanisms hold follows from their dashpots
+    if lossy and not engine.get("dissipation.share").size:  # what the mechanisms hold follows from their dashpots
         return {"kinetic": kinetic_energy(near, grid)}
     further = {"drag": mass * engine.dragged} if near.model.drag else {}
     if np.any(engine.reaction):
-        now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
+        now, ago = (_there(near, grid.get(name)).astype(float) for name in ("u", "u_old"))
         further["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
     if near.supports is not None:
-        now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
+        now, ago = (_there(near, grid.get(name)).astype(float) for name in ("u", "u_old"))
         stiffness = near.supports.stiffness * (1.0 if near.density is None else near.density)
         springs = _there(near, stiffness.reshape(near.field_shape))
         further["support"] = float(mass * 0.5 * (springs * now * ago).sum())
@@ -62,8 +61,8 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
             "broken": mass * engine.bonds.broken[0],
             **breaking.friction(),
         }
-    engine.complete(engine.current)
-    u, old = engine.current.astype(float), engine.older.astype(float)
+    engine.complete("u")
+    u, old = engine.get("u").astype(float), engine.get("u_old").astype(float)
     if parts.ends is not None:
         parts.ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
@@ -84,7 +83,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
         ],
         axis=0,
     )
-    if engine.tables.heat.thermal_strain.size and not cold:  # the mixed and the purely thermal terms
+    if engine.get("heat.thermal_strain").size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
         strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))
@@ -111,8 +110,8 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
     if at_rest or rim_held:  # the other half of the bonds to sides, and to the outside of a body, where u is zero
         inside = near.lattice.existing if rim_held else None
-        core = np.ones(engine.core.nodes) if inside is None else grid.grown(inside.astype(float))
-        exists = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
+        core = np.ones(grid.core.nodes) if inside is None else grid.grown(inside.astype(float))
+        exists = engine.spread(core, at_rest, jointly=inside is not None) * engine.get("exists")
         grid.clear_walls(exists)
         for unit, now in zip(
             np.eye(engine.components), each, strict=True

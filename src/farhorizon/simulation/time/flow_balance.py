@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.settings import FlowBonds, record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
@@ -55,9 +54,9 @@ class FlowBalance:
 
     def reopen(self) -> None:
         """Set the accounts up again for the present bonds, after a crack has opened; the sums so far are kept."""
-        so_far = self.grid.engine.flows
+        so_far = self.grid.engine.get("flows.totals")
         self._open()
-        self.grid.engine.flows[...] = so_far
+        self.grid.engine.put("flows.totals", so_far)
 
     def hold(self, step: int) -> None:
         """Count nodes that follow a prescribed value no longer, from a step on, among the free ones; what they have
@@ -78,7 +77,7 @@ class FlowBalance:
         near, grid, engine, lead = self.near, self.grid, self.grid.engine, self.grid.lead
         lattice, rim = near.lattice, self._setup.rim
         names = [f"constraint[{i}]" for i in range(len(self._setup.constraints))] + self._outer
-        core = np.zeros(engine.core.nodes)
+        core = np.zeros(grid.core.nodes)
         beyond = {}
         for (axis, side), boundary in self.sides.items():
             if boundary.periodic or boundary.shared:
@@ -106,7 +105,7 @@ class FlowBalance:
         """Tell the engine to which account each bond belongs."""
         near, grid, engine = self.near, self.grid, self.grid.engine
         self.names, where, self._free = self._places()
-        block = engine.core
+        block = grid.core
         flat = block.node_indices()
         flowing = []
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
@@ -135,7 +134,7 @@ class FlowBalance:
             weights = np.append(weights, np.full(free.size, float(engine.reaction)))
         layers = {}
         for axis, side in engine.layers:
-            reach = engine.layout.reach[axis]
+            reach = grid.layout.reach[axis]
             beside = np.take(flat, np.arange(reach) - (reach if side > 0 else 0), axis).ravel()
             number = self.names.index(side_name(axis - grid.lead, side))
             layers[axis, side] = number, beside[where[beside] == 0]
@@ -153,7 +152,7 @@ class FlowBalance:
         """Sums of the field over the free nodes in the box of this process: "stored", and for corrosion "metal" and
         "dissolved".
         """
-        values = self.grid.view(self.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
+        values = self.grid.get("u").astype(float)
         if self.near.density is not None:
             values = values * self.near.density
 
@@ -182,12 +181,14 @@ class FlowBalance:
 
     def _conduct(self, level: np.ndarray) -> None:
         """Add what flowed along bonds in the last step because the conductivity is not that at the background."""
-        engine, flows = self.grid.engine, self.grid.engine.tables.flows
-        along = np.flatnonzero(flows.neighbours >= 0)
-        nodes, neighbours = flows.nodes[along], flows.neighbours[along]
-        gains = flows.effects[0] * flows.weights[along] * factors_of(engine.tables.material, nodes, neighbours)
+        engine = self.grid.engine
+        along = np.flatnonzero(engine.get("flows.neighbours") >= 0)
+        accounts, nodes, neighbours, weights = (
+            engine.get(f"flows.{name}", along) for name in ("accounts", "nodes", "neighbours", "weights")
+        )
+        gains = engine.get("flows.effects")[0] * weights * engine.factors(nodes, neighbours)
         gains *= level[neighbours].astype(float) - level[nodes]
-        flows.totals[0] += np.bincount(flows.accounts[along], gains, flows.totals.shape[1])
+        engine.add("flows.totals", np.bincount(accounts, gains, len(self.names)), 0)
 
     def sums(self) -> dict[str, float]:
         """Return the amount that each source term has supplied on this process, by name."""
@@ -202,7 +203,7 @@ class FlowBalance:
         """Return what the near field has gained, and from where; see `farhorizon.Simulation.balance`."""
         lattice = self.near.lattice
         unit = lattice.spacing**lattice.dim / self.near.model.source_factor
-        flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)
+        flows, powers = self._team.summed(self.grid.engine.get("flows.totals").sum(0)), self._team.summed(self.powers)
         inflow = {name: unit * float(value) for name, value in zip(self.names, flows, strict=True)}
         for name, power in zip(self._owners, powers, strict=True):
             if name in self._conductions:

@@ -58,9 +58,9 @@ class RigidShapes:
             for what, first, count in shape.terms
         ]
         margins = [0] * grid.lead + [grid.margins[a, -1] for a in range(lattice.dim)]
-        first = np.array(engine.layout.low) + np.array(margins)
+        first = np.array(grid.layout.low) + np.array(margins)
         nodes = np.array((1,) * grid.lead + lattice.shape)
-        exists = np.zeros(engine.layout.size, np.int8)
+        exists = np.zeros(grid.layout.size, np.int8)
         exists[grid.nodes.ravel()] = 1 if lattice.existing is None else lattice.existing.ravel()
         return with_defaults(
             Impactors,
@@ -79,7 +79,7 @@ class RigidShapes:
             open_sides=np.array([_open_sides(impactor, lattice, self.sides) for impactor in self.given.values()]),
             beside=np.zeros(len(self.given), np.int64),
             spans=np.zeros((int(nodes[0] * nodes[1]), 2), np.int64),
-            forces=np.zeros(engine.levels.shape[1]),
+            forces=np.zeros(engine.level().size),
             room=np.zeros((len(terms), 1 + lattice.dim)),
             vectors=np.zeros((5, lattice.dim)),
         )
@@ -152,13 +152,15 @@ class RigidShapes:
 
     @property
     def state(self) -> np.ndarray:
-        """Displacements, and velocities half a step before, shape (n, 2, dim); shares memory with the engine."""
-        return self.grid.engine.tables.impactors.state
+        """Displacements, and velocities half a step before, shape (n, 2, dim)."""
+        return self.grid.engine.get("impactors.state")
 
     def mark(self) -> list[list[float]]:
         """What a checkpoint and the run that resumes from it must have in common."""
-        table = self.grid.engine.tables.impactors
-        return [*table.constants.tolist(), table.numbers.tolist(), table.bounds.ravel().tolist()]
+        constants, numbers, bounds = (
+            self.grid.engine.get(f"impactors.{name}") for name in ("constants", "numbers", "bounds")
+        )
+        return [*constants.tolist(), numbers.tolist(), bounds.ravel().tolist()]
 
     def paths(self, step: int, count: int) -> np.ndarray:
         """Return the prescribed displacements after each of `count` steps from `step` on, shape (count, n, dim); zero
@@ -177,7 +179,7 @@ class RigidShapes:
 
     def warning(self) -> str | None:
         """Return a warning if a shape has pushed nodes at the edge of the near field, beyond which there are others."""
-        beside = self.grid.engine.tables.impactors.beside
+        beside = self.grid.engine.get("impactors.beside")
         names = [key for key, is_beside in zip(self.given, beside, strict=True) if is_beside]
         if not names:
             return None

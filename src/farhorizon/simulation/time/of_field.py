@@ -7,7 +7,6 @@ bonds, cut ones and free sides included, which acts as a source.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -95,7 +94,7 @@ class _OfField:
     @property
     def _field(self) -> np.ndarray:
         """Values at the nodes now."""
-        values = self._grid.view(self._grid.engine.current).reshape(self._near.lattice.shape)
+        values = self._grid.get("u")
         return np.asarray(values.astype(float) + self._near.background)
 
     def _at(self, wrong: np.ndarray, values: np.ndarray, u: np.ndarray, t: float) -> str:
@@ -184,8 +183,6 @@ class Conduction(_OfField):
         super().__init__(quantity, key, near, sides, grid)
         self._team = team
         self._first = float(self._law(np.array(near.background)))
-        self._operator: Callable[[np.ndarray], np.ndarray] | None = None
-        self._tables: Any = None
 
     def _names(self, lattice: Lattice) -> tuple[str, ...]:
         return ("u",)
@@ -203,14 +200,13 @@ class Conduction(_OfField):
         largest = self._team.largest(float(np.abs(u - near.background).max(initial=0)))
         with self._team.agreed():
             self._check(u, t, largest)
-        changed = engine.current.astype(float)
+        changed = engine.get("u").astype(float)
         changing = changed != 0
         changed[changing] = self._excess(changed[changing])
         self.level = changed.astype(engine.dtype)
         engine.complete(self.level)
-        if self._operator is None or self._tables is not engine.tables:
-            self._operator, self._tables = engine.core_operator(), engine.tables
-        flow = self._operator(self.level) + engine.reaction * self.level  # which acts on the field itself
+        # the reaction acts on the field itself
+        flow = engine.apply_core(self.level, again=True) + engine.reaction * self.level
         return self._grid.view(flow).reshape(near.lattice.shape).astype(float) / near.model.source_factor
 
     def _check(self, u: np.ndarray, t: float, largest: float) -> None:

@@ -70,7 +70,7 @@ class Relaxation:
     def settle(self, step: int) -> None:
         """Go from the equilibrium at a step to that at the next one; the last iteration is recorded as that step."""
         engine, settings = self._grid.engine, self._load_steps
-        engine.older[...] = engine.current  # at rest
+        engine.put("u_old", engine.get("u"))  # at rest
         path = self._source_table.path(step)
         moved, quiet, remaining, before = 0.0, 0.0, np.inf, None
         for _ in range(0, settings.limit, _CHECK):
@@ -88,7 +88,7 @@ class Relaxation:
                 break
         else:
             self.missed = remaining
-        engine.steps_done = step
+        engine.clock = step, engine.clock[1]
         self._source_table.follow(path, np.ones(1))
 
     def _state(self, step: int) -> _State:
@@ -96,8 +96,7 @@ class Relaxation:
         of nodes without a body and the accelerations of held nodes are zero.
         """
         later, now, before = (
-            self._near.inside(self._grid.view(level).reshape(self._near.field_shape).astype(float))
-            for level in self._grid.engine.last_levels
+            self._near.inside(self._grid.get(name).astype(float)) for name in ("u", "u_old", "u_older")
         )
         increments = now - before
         accelerations = later - now - (1 - self.frequency) ** 2 * increments

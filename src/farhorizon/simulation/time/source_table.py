@@ -145,7 +145,7 @@ class SourceTable:
             amplitudes[0] = 0
         reached = _largest(fields, amplitudes) * near.slow_crossing**2  # by a bar as long as the body
         self.scale = max(self.scale, reached, float(np.abs(held).max(initial=0)))
-        return Path(np.stack([engine.current[engine.held].astype(float), held]), places, fields, amplitudes)
+        return Path(np.stack([engine.get("u", engine.held).astype(float), held]), places, fields, amplitudes)
 
     def follow(self, path: Path, way: np.ndarray) -> None:
         """Advance the engine by a step at each of some positions on a path, 0 at its start and 1 at its end."""

@@ -129,11 +129,11 @@ def continued(name: str, setup: Setup, near: NearField, sides: Sides, grid: Grid
     beyond = {key: grid.margins[key] for key, side in sides.items() if side.derivatives}
     if value is None or not beyond:
         return None
-    lattice, core = near.lattice, grid.engine.core
+    lattice, core = near.lattice, grid.core
     wide = field(widened(value, lattice, beyond), lattice.extended(beyond), near.stencil.components, f"initial.{name}")
     around = [tuple(grid.margins[a, side] - beyond.get((a, side), 0) for side in (-1, 1)) for a in range(lattice.dim)]
     values = np.pad(wide, [(0, 0), *around]).reshape(-1, *core.nodes)
-    values *= grid.engine.absent.exists[core.node_indices()]
+    values *= grid.engine.get("exists", core.node_indices())
     values[(slice(None), *grid.near)] = 0
     return np.asarray(values)
 
@@ -150,7 +150,7 @@ class Motion:
     def acceleration(self, time: float) -> np.ndarray:
         """Return the acceleration of the present state by the medium, exact ends and sources, as a level."""
         engine = self.grid.engine
-        acceleration = relaxed(engine, engine.apply(engine.current))
+        acceleration = relaxed(engine, engine.apply("u"))
         if self.ends is not None:
             acceleration[self.ends.nodes] += self.ends.forces()
         part = self.grid.view(acceleration)
@@ -162,7 +162,7 @@ class Motion:
         `beyond` of the core beyond it; the places `resting` of a level do not move.
         """
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
-        engine.begin(engine.current)
+        engine.begin("u")
         begin_relaxations(engine)
         accelerations = self.acceleration(0.0).astype(float)
         change = -(dt**2) / 2 * accelerations
@@ -171,16 +171,16 @@ class Motion:
         rate = self.grid.view(change)
         rate += (dt * (1 + model.damping * dt) * v).reshape(rate.shape)
         if beyond is not None:
-            engine.core.view(change)[...] += dt * (1 + model.damping * dt) * beyond
+            self.grid.core.view(change)[...] += dt * (1 + model.damping * dt) * beyond
         change[resting] = 0
         if engine.stages.increments:
-            engine.levels[2][:] = change
-        box = engine.layout.box
-        box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
-        engine.complete(engine.levels[1])  # drag reads the velocities of neighbours
-        engine.memory[:] = 0
-        engine.apply(engine.levels[1])  # states of nodes are those of the previous step, as after any step
-        engine.begin(engine.current)
+            engine.put("increment", change)
+        nodes = engine.all_components(self.grid.layout.box.node_indices())
+        engine.put("u_old", engine.get("u", nodes) - change[nodes], nodes)
+        engine.complete("u_old")  # drag reads the velocities of neighbours
+        engine.put("memory", 0)
+        engine.apply("u_old")  # states of nodes are those of the previous step, as after any step
+        engine.begin("u")
 
     def _higher_terms(self, acceleration: np.ndarray, v: np.ndarray, resting: np.ndarray) -> np.ndarray:
         """The terms of third and fourth order in the step by which the field changes before the start, as a level:
@@ -188,7 +188,7 @@ class Motion:
         through the first three steps, since a source need not have values before the start.
         """
         engine, dt = self.grid.engine, self.near.dt
-        velocity, acceleration = np.zeros_like(engine.current), acceleration.astype(engine.dtype)
+        velocity, acceleration = engine.level(), acceleration.astype(engine.dtype)
         part = self.grid.view(velocity)
         part[...] = v.reshape(part.shape)
         terms = []
@@ -209,7 +209,7 @@ class Motion:
         for nodes, rate in self.near.prescribed.released(step):
             at = self.grid.indices[nodes]
             change = dt * (1 + model.damping * dt) * rate - dt**2 / 2 * self.acceleration(step * dt)[at].astype(float)
-            engine.older[at] = engine.current[at] - change
-            engine.complete(engine.older)
+            engine.put("u_old", engine.get("u", at) - change, at)
+            engine.complete("u_old")
             if engine.stages.increments:
-                engine.levels[2][at] = change
+                engine.put("increment", change, at)

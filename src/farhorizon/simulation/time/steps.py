@@ -164,7 +164,7 @@ def seconds_of(engine: Engine) -> float:
     """Measure the time of a step on this machine at present, without sources: the shortest in a tenth of a second,
     because whatever else the machine does only delays it. The state is not changed.
     """
-    period = engine.tables.filter.every  # steps from one application of the layers' filter to the next
+    period = engine.every  # steps from one application of the layers' filter to the next
     count, least, spent = period, np.inf, 0.0
     with as_before(engine):
         engine.advance_alone(period)  # the first steps load compiled code

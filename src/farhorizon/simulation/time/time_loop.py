@@ -63,7 +63,7 @@ class TimeLoop:
         self.relaxation: Relaxation | None = None
         if setup.load_steps is not None:
             self.relaxation = Relaxation(setup.load_steps, near, grid, self.source_table)
-        self._motion = Motion(near, grid, parts.ends, self.source_table.force)
+        self.motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
         self.heating = None if setup.heat is None else self._heating(setup.heat, run_of)
@@ -122,10 +122,10 @@ class TimeLoop:
         if any(side.derivatives for side in self.parts.layered.sides.values()):
             beyond = {name: continued(name, self.setup, near, self.parts.layered.sides, grid) for name in beyond}
         # in diffusion all levels, because the sweep skips metal that nothing reaches
-        for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
-            if beyond["u"] is not None:
-                grid.engine.core.view(level)[...] = beyond["u"]
-            grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
+        name = "u" if near.model.order == 2 else "levels"
+        if beyond["u"] is not None:
+            grid.engine.put(name, beyond["u"].ravel(), (..., grid.engine.all_components(grid.core.node_indices())))
+        grid.put(name, start.u)
         if near.conditions.nodes.size:
             self.source_table.prescribe()
         if near.prescribed.constraints:
@@ -133,7 +133,7 @@ class TimeLoop:
         if near.model.order == 2:
             # the medium beyond an outline is at rest
             outside = np.zeros(0, np.int64) if closure is None else closure.unmoved
-            self._motion.step_back(start.v, np.concatenate([self.parts.held, outside]), beyond["v"])
+            self.motion.step_back(start.v, np.concatenate([self.parts.held, outside]), beyond["v"])
         if closure is not None:
             closure.start()
         if self.heating is not None:
@@ -164,7 +164,7 @@ class TimeLoop:
     def change(self, step: int) -> float | None:
         """Return the largest change of the near field per step since this was called before; None the first time."""
         grid, before, since = self.parts.grid, self._seen.get("seen"), step - self._seen_at
-        self._seen, self._seen_at = {"seen": grid.engine.current.copy()}, step
+        self._seen, self._seen_at = {"seen": grid.engine.get("u").copy()}, step
         if before is None or not since:
             return None
         now, then = (grid.view(level).reshape(self.parts.near.field_shape) for level in (self._seen["seen"], before))
@@ -185,12 +185,9 @@ class TimeLoop:
         """Return copies of the fields in the near field by name, see `farhorizon.Simulation`."""
         parts, near, grid = self.parts, self.parts.near, self.parts.grid
 
-        def shown(level: np.ndarray) -> np.ndarray:
-            return near.visible(grid.view(level).reshape(near.field_shape) + near.background)
-
-        out = {"u": shown(grid.engine.current)}
+        out = {"u": near.visible(grid.get("u") + near.background)}
         if near.model.order == 2:
-            out["v"] = (out["u"] - shown(grid.engine.older)) / np.float64(near.dt)
+            out["v"] = (out["u"] - near.visible(grid.get("u_old") + near.background)) / np.float64(near.dt)
         if parts.breaking is not None:
             out["damage"] = near.visible(parts.breaking.damage)
         if self.heating is not None:
@@ -288,7 +285,7 @@ class TimeLoop:
         if not self.team.largest(float(len(self.parts.near.prescribed.released(step)))):
             return
         before = present(self.energies()) if self.setup.lasting else 0.0
-        self._motion.release(step)
+        self.motion.release(step)
         if self.setup.lasting:
             gained = present(self.energies()) - before  # total of all processes, counted by the first one
             self.parts.grid.engine.count_work(gained / self.parts.near.mass * (self.team.number == 0))
@@ -306,11 +303,11 @@ class TimeLoop:
         processes must request theirs jointly.
         """
         grid, lattice = self.parts.grid, self.parts.near.lattice
-        low = [grid.engine.layout.low[a] + (grid.margins[a - grid.lead, -1] if a >= grid.lead else 0) for a in range(3)]
+        low = [grid.layout.low[a] + (grid.margins[a - grid.lead, -1] if a >= grid.lead else 0) for a in range(3)]
         lows = self.team.gather(low)
         first = (0,) * grid.lead + lattice.first
         starts = [f + max(low_there[a] for low_there in lows) - low[a] for a, f in enumerate(first)]
-        return [(int(start), int(start) + n) for start, n in zip(starts, grid.engine.layout.box.nodes, strict=True)]
+        return [(int(start), int(start) + n) for start, n in zip(starts, grid.layout.box.nodes, strict=True)]
 
     def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
         """Return the state before a step, apart from the set-up: arrays over the nodes of this process, and values of
@@ -319,7 +316,7 @@ class TimeLoop:
         self.open_cracks(step)  # as at the beginning of the next step: `take` opens cracks that are due then
         engine, balance = self.parts.grid.engine, self.flow_balance
         arrays: Arrays = values_of(engine, self._seen)
-        meta: dict[str, Any] = {"step": step, "phase": int(engine.phase)}
+        meta: dict[str, Any] = {"step": step, "phase": int(engine.clock[1])}
         meta |= {"seen_at": self._seen_at} if self._seen else {}
         meta |= {"relaxation": self.relaxation.state()} if self.relaxation is not None else {}
         meta |= {
@@ -348,14 +345,14 @@ class TimeLoop:
         """
         engine, step, own_box = self.parts.grid.engine, int(meta["step"]), self.box
         self._seen_at = int(meta.get("seen_at", 0))
-        self._seen = {"seen": np.zeros_like(engine.current)} if "seen_at" in meta else {}
+        self._seen = {"seen": engine.level()} if "seen_at" in meta else {}
         made = Assembly(engine, own_box, self._seen)
         arrays: Mapping[str, np.ndarray] = {}
         for box, arrays in states:
             if common(own_box, box, (0, 1, 2)) is not None and not made.add(box, arrays):
                 return False
         self.team.gather(None)  # raises if another process lacks a part and makes no further calls
-        engine.phase, engine.steps_done, self.source_table.scale = int(meta["phase"]), step, float(meta["scale"])
+        engine.clock, self.source_table.scale = (step, int(meta["phase"])), float(meta["scale"])
         if self.relaxation is not None:
             self.relaxation.take(meta["relaxation"])
         alone = not self.team and len(meta["boxes"]) == 1
@@ -381,7 +378,6 @@ class TimeLoop:
 
     def complete(self) -> None:
         """Complete what a saved state leaves out, once all processes have theirs: halos and what follows from them."""
-        for level in self.parts.grid.engine.levels:
-            self.parts.grid.engine.complete(level)
+        self.parts.grid.engine.complete("levels")
         if self.parts.phases is not None:
             self.parts.phases.set(self.parts.phases.steps)
