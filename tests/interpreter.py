@@ -31,7 +31,7 @@ class Interpreter:
     Parameters
     ----------
     engine : Engine
-        Its `loop` becomes this one.
+        As the argument `engine` of a `Simulation` is called with.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -46,7 +46,6 @@ class Interpreter:
         self.shifts = StretchedShifts(engine, self.memory)
         self.states = None if engine.passes is None else _States(self, engine.passes)
         self.heat = heat = _Heat(self)
-        engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
             op.SEND: lambda number: None,  # `receive` reads the values where they are
@@ -84,7 +83,7 @@ class Interpreter:
             op.THERMAL_FORCES_BEYOND: heat.subtract_thermal_forces_beyond,
         }
 
-    def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
+    def __call__(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
         """Advance as `loop.run` does; given a memory other than the engine's, leave that of the layers as it was."""
         kept = (
             None
@@ -656,15 +655,16 @@ class _Heat:
         """Subtract the thermal strains of the springs of state-based media."""
         loop = self.loop
         bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
-        for bond, distance in enumerate(bonds.places[:, 0]):
+        for vector, distance in zip(loop.tables.heat.vectors, bonds.places[:, 0], strict=False):  # none if left out
             present = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
-            self._push(loop.tables.heat.vectors[bond], present * loop.thermal_strain(nodes, nodes + distance), nodes)
+            self._push(vector, present * loop.thermal_strain(nodes, nodes + distance), nodes)
 
     def subtract_thermal_forces_beyond(self) -> None:
         """Do so at all nodes for springs, and for bonds without a law of their own."""
         loop = self.loop
         bonds, at = loop.tables.bonds, np.indices(loop.box.nodes).reshape(3, -1)
-        for bond, (distance, *offset) in enumerate(bonds.places):
+        for bond in range(len(loop.tables.heat.beyond)):
+            distance, *offset = bonds.places[bond]
             curved = _follow_law(bonds.zone, at) & _follow_law(bonds.zone, at + np.array(offset)[:, None])
             nodes = loop.nodes[~(curved & bonds.forces)]
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0

@@ -266,7 +266,7 @@ RIGHT = {
     "RungeKuttaChebyshev": {"chebyshev": 20},
     "Samples": {"values": [0.0, 1.0, 1.0, 0.0], "dt": 1.0},
     "Setup": SETUP,
-    "Simulation": {**SETUP, "observe": (), "communicator": None, "topology": None},
+    "Simulation": {**SETUP, "observe": (), "communicator": None, "topology": None, "engine": None},
     "Source": {"value": 0.0, "time": None},
     "Specimen": {"where": DISC, "concentration": 1.0},
     "Sponge": {"nodes": 40, "strength": None},

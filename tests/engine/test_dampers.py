@@ -98,7 +98,7 @@ def test_waves_of_the_springs_decay_at_the_rate_that_is_asked_for(dt):
 def test_the_interpreter_computes_the_same(name):
     sides = {"x": side(), "y-": side(OTHER), "y+": fh.Free()} if MEDIA[name][1] == 2 else side()
     compiled, plain = (simulation(name, sides, nodes=15 if MEDIA[name][1] == 3 else 25) for _ in range(2))
-    Interpreter(plain.engine)
+    plain.engine.loop = Interpreter(plain.engine)
     for sim in (compiled, plain):
         sim.step(25)
     field = compiled.fields["u"]

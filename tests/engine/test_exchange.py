@@ -286,7 +286,7 @@ def test_in_space_and_with_states():
 
 def test_the_interpreter_does_the_same():
     plain, interpreted = connected(periodic()), connected(periodic())
-    Interpreter(interpreted.engine)
+    interpreted.engine.loop = Interpreter(interpreted.engine)
     for sim in (plain, interpreted):
         sim.step(12)
     np.testing.assert_allclose(interpreted.fields["u"], plain.fields["u"], rtol=0, atol=1e-12)

@@ -342,13 +342,17 @@ CASES = {
 }
 
 
+def interpreted(sim):
+    """The same run, computed from its start by the plain program."""
+    return fh.Simulation.of(sim.setup, sim.recorders, engine=Interpreter)
+
+
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_both_compute_the_same(make):
     """Levels, flows, damage and work agree to rounding."""
     print("seed", SEED)
-    compiled, plain = make(), make()
-    Interpreter(plain.engine)
+    compiled, plain = make(), interpreted(make())
     for sim in (compiled, plain):
         sim.step(13)
     loop, interpreter = compiled.engine, plain.engine
@@ -379,11 +383,8 @@ def test_corrosion():
     solid = np.zeros(shape, bool)
     solid[8:14, 8:14] = True
     model = fh.Corrosion(fh.Kernel(2.0), saturation=0.5, interface=0.3)
-    sims = [
-        fh.Simulation(lattice(*shape), model, {"x": SLOW, "y": fh.Periodic()}, specimens=[fh.Specimen(solid, 1.0)])
-        for _ in range(2)
-    ]
-    Interpreter(sims[1].engine)
+    given = lattice(*shape), model, {"x": SLOW, "y": fh.Periodic()}
+    sims = [fh.Simulation(*given, specimens=[fh.Specimen(solid, 1.0)], engine=made) for made in (None, Interpreter)]
     for sim in sims:
         sim.step(60)
     one, two = (sim.fields for sim in sims)
@@ -397,4 +398,26 @@ def test_layers_that_remember_are_refused():
     sim = waves((15, 16))
     sim.step(60)
     with pytest.raises(ValueError, match="memory"):
-        Interpreter(sim.engine)
+        sim.engine.loop = Interpreter(sim.engine)
+
+
+@pytest.mark.parametrize("model", [WAVE, fh.Diffusion(fh.Kernel(2.0)), fh.Elastic(fh.Kernel(2.0), 1.0)])
+def test_a_run_chooses_its_layers_and_ends(model):
+    """A run with all its choices and checks: its layers are chosen by compiled trials, and its steps interpreted."""
+    shape, dim = (15, 16), 2 if isinstance(model, fh.Elastic) else 0
+    given = lattice(*shape), model, fh.LatticePML(target=1e-3), {"u": 1e-3 * bump(shape, dim)}
+    compiled, plain = (fh.Simulation(*given, engine=made).run(until=6.0) for made in (None, Interpreter))
+    u = compiled.fields["u"]
+    assert compiled.thickness == plain.thickness and compiled.step_count == plain.step_count > 5
+    np.testing.assert_allclose(plain.fields["u"], u, rtol=0, atol=1e-12 * np.abs(u).max())
+    assert plain.energy() == pytest.approx(compiled.energy(), rel=1e-10)
+    assert plain.certificate().verdict == compiled.certificate().verdict
+
+
+def test_what_reads_the_memory_of_layers_is_refused(tmp_path):
+    sim = waves((15, 16), engine=Interpreter)
+    for act in (lambda: sim.save(tmp_path / "state"), lambda: sim.load(tmp_path / "state"), sim.seconds_per_step):
+        with pytest.raises(fh.InputError, match="engine"):
+            act()
+    with pytest.raises(fh.InputError, match="engine"):
+        waves((15, 16), engine="interpreter")

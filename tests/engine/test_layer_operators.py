@@ -62,7 +62,7 @@ def test_both_compute_the_same(make):
     print("seed", SEED)
     random, found = np.random.default_rng(SEED), []
     sims = make(), make()
-    Interpreter(sims[1].engine)
+    sims[1].engine.loop = Interpreter(sims[1].engine)
     box = sims[0].engine.layout.box.node_indices().ravel()
     box = box[sims[0].engine.absent.exists[box]]
     start = random.standard_normal((2, len(sims[0].engine.all_components(box))))

@@ -69,7 +69,10 @@ _PATHS = {
 _ARRAYS = {name: attrgetter(path) for name, path in _PATHS.items()}
 
 
+#: Does a number of steps, from a phase of the rotation of the levels on, by the tables of operations.
 Loop = Callable[[int, int, np.ndarray, Tables, Inputs], None]
+#: Returns such a loop for an engine that is set up, and whose layers remember nothing.
+BackEnd = Callable[["Engine"], Loop]
 
 
 @dataclass(frozen=True)
@@ -185,7 +188,7 @@ class Engine:
     all_layers: list[LayerTables]  # of the passes that exist
     memory: np.ndarray  # of the layers, of the type `kept`: that of the field, or the first halves of its values
     bonds: BondZone  # bonds that have a law of their own
-    loop: Loop | None  # executes the operations in place of the compiled loop, see `tests/interpreter.py`
+    loop: Loop | None  # executes the operations in place of the compiled loop; keeps the layers' memory to itself
     # Values at the places of `record_nodes` and sums of `settings.record_blocks`, shapes (steps, n) and (steps, R),
     # after each step of an `advance`, valid until the next one; only rows whose step is a multiple of `watch_stride`.
     node_values: np.ndarray

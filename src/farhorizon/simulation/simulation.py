@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,6 +16,7 @@ from farhorizon.analysis.layers.thickness import Thickness
 from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, CERTIFIED, Certificate, certify
 from farhorizon.checks.report import Report
+from farhorizon.engine.engine import BackEnd
 from farhorizon.errors import InputError
 from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
@@ -81,6 +82,10 @@ class Simulation(Run):
         then those of the box, and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
     topology : sequence of int, optional
         Number of boxes along each axis; by default the division that requires the least communication.
+    engine : type, optional
+        Computes the steps in place of compiled code, on one process: a class that is made for the run's engine, whose
+        operations are tables, and whose objects are called with ``(steps, phase, levels, tables, inputs)``.
+        Certificates and reports remain those of compiled code. Such a run cannot be saved.
     loads : sequence of BodyForce, Traction, Pressure, Impactor and ThermalLoad
         Forces per volume in an `Elastic` medium, or per area on its free sides, cracks and holes; rigid shapes that
         push its nodes; heat that strains it.
@@ -176,31 +181,55 @@ class Simulation(Run):
         loads: Sequence[Load] = (),
         communicator: Any = None,
         topology: Sequence[int] | None = None,
+        engine: BackEnd | None = None,
     ) -> None:
         what = (lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads)
         team = ProcessGroup.of(communicator)
         with team.agreed():
-            self._begin(Setup(*what, rule, rim, constraints, balance, specimens, loads), observe, team, topology)
+            setup = Setup(*what, rule, rim, constraints, balance, specimens, loads)
+            self._begin(setup, observe, team, topology, engine)
 
     @classmethod
-    def of(cls, setup: Setup, observe: Sequence[Observer] = (), communicator: Any = None, topology: Any = None) -> Self:
+    def of(
+        cls,
+        setup: Setup,
+        observe: Sequence[Observer] = (),
+        communicator: Any = None,
+        topology: Any = None,
+        engine: BackEnd | None = None,
+    ) -> Self:
         """Create a simulation from a set-up.
 
         Parameters
         ----------
         setup : Setup
-        observe, communicator, topology
+        observe, communicator, topology, engine
             As in the constructor.
         """
         run = cls.__new__(cls)
-        run._begin(setup, observe, ProcessGroup.of(communicator), topology)
+        run._begin(setup, observe, ProcessGroup.of(communicator), topology, engine)
         return run
 
     def _begin(
-        self, setup: Setup, observe: Sequence[Observer], team: ProcessGroup, topology: Sequence[int] | None
+        self,
+        setup: Setup,
+        observe: Sequence[Observer],
+        team: ProcessGroup,
+        topology: Sequence[int] | None,
+        engine: BackEnd | None,
     ) -> None:
         """Assemble a set-up, go to its start, and set the attributes that other modules read."""
-        self.setup, self.team, self.topology = setup, team, None
+        self.setup, self.team, self.topology, self._back_end = setup, team, None, engine
+        if engine is not None:
+            team.alone("engines in place of the compiled one", "engine")
+            given: Any = engine
+            if not isinstance(given, type) or "__call__" not in dir(given):
+                raise InputError(
+                    "must be a class whose objects are called to make steps",
+                    value=type(engine).__name__,
+                    key="engine",
+                    remedy="leave it out",
+                )
         if team or topology is not None:
             self.topology = check_given(setup, observe, topology, team)
         self.subdomain: Subdomain | None = None
@@ -242,7 +271,7 @@ class Simulation(Run):
         self._chooses = any(b.stretched or b.extended or b.undecided for b in sides_of_all.values())
         self._side_selection = SideSelection(parts.autos, [key for key, b in sides_of_all.items() if b.open_ended])
         with team.agreed():
-            self.resting = self.time_loop = TimeLoop(setup, parts, self.of, team)
+            self.resting = self.time_loop = TimeLoop(setup, parts, partial(self.of, engine=engine), team, engine)
         seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
         self._recording: Recording | None = None
         if self.recorders:
@@ -307,13 +336,13 @@ class Simulation(Run):
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
         seen: list[Observer] = [*self.observers, *self.recorders]
         changed = replace(settled, boundary=named, dt=self.dt)  # the step for which layers are chosen
-        retaken = self.of(changed, seen, self.team, self.topology)
+        retaken = self.of(changed, seen, self.team, self.topology, self._back_end)
         alike = np.array_equal(retaken.start_u, self.start_u) and np.array_equal(retaken.start_v, self.start_v)
         if not (alike or self.team):
             # a function that is random, for example: its first values count
             first = {"u": self.start_u + self.background, "v": self.start_v}
             known = {name: value for name, value in first.items() if name in (settled.initial or {})}
-            retaken = self.of(replace(changed, initial=known), seen, self.team, self.topology)
+            retaken = self.of(replace(changed, initial=known), seen, self.team, self.topology, self._back_end)
         kept = ("setup", "stop_requested", "probes", "_side_selection")
         self.__dict__ = retaken.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
@@ -573,13 +602,14 @@ class Simulation(Run):
             return Certificate(CERTIFIED, "load steps are damped", rate=0.0)
         if self._chooses:
             self._select_sides_alone()
-        return certify(self, budget, until)
+        return certify(self if self._back_end is None else self.remade(), budget, until)
 
     def seconds_per_step(self) -> float:
         """Time per step on this machine at present, measured for a tenth of a second without sources; the state is not
         changed.
         """
         self.team.alone("measured times")
+        self._compiled("measured times")
         return seconds_of(self.engine)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
@@ -595,6 +625,8 @@ class Simulation(Run):
             without `until`.
         """
         self.team.alone("reports")
+        if self._back_end is not None:
+            return self.remade().check(until, budget)
         if until is None:
             self._select_sides_alone()
         else:
@@ -605,16 +637,23 @@ class Simulation(Run):
                 self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget, rows_on_processes(self, self.topology))
 
+    def _compiled(self, what: str) -> None:
+        """Refuse what reads the memory of the layers, which another engine keeps to itself."""
+        if self._back_end is not None:
+            raise InputError(f"{what} are those of compiled code", key="engine", remedy="leave it out")
+
     # --- state -------------------------------------------------------------------------------------------------
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, with the memory of the boundaries, to a temporary file, which is then renamed."""
+        self._compiled("saved states")
         kept = {"cautions": self.cautions, "extra": extra, **progress_of(self)}
         path, given = kinds.path(path, "path"), self.given if self.subdomain is None else self.subdomain.given
         recorded = {} if self._recording is None else self._recording.state()
         write_state(path, self.time_loop, self.step_count, recorded, kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
+        self._compiled("saved states")
         with self.team.agreed():
             self._side_selection.adopt(self, path)
         step, arrays, meta = read_state(kinds.path(path, "path"), self.time_loop)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.engine import BackEnd
 from farhorizon.engine.state import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
@@ -37,10 +38,18 @@ _TINY = 1e-300  # a scale above zero, so that values may be compared with it
 class TimeLoop:
     """Time stepping of the parts of a run; the constructor brings the engine to the start. `run_of` makes a run of a
     set-up, given its observers and a team, for a temperature that is computed alongside. Raises InputError for initial
-    data that would break bonds at once, and a balance where there is none.
+    data that would break bonds at once, and a balance where there is none. The steps, the first included, are computed
+    by what `back_end` returns for the engine, in place of its compiled loop.
     """
 
-    def __init__(self, setup: Setup, parts: RunParts, run_of: Callable[..., Any], team: ProcessGroup = ALONE) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        parts: RunParts,
+        run_of: Callable[..., Any],
+        team: ProcessGroup = ALONE,
+        back_end: BackEnd | None = None,
+    ) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.layered.sides, parts.start
         self.source_checks: SourceChecks | None = None
@@ -66,7 +75,9 @@ class TimeLoop:
         self.motion = Motion(near, grid, parts.ends, self.source_table.force)
         self._seen: dict[str, np.ndarray] = {}  # the field of diffusion when `change` was called last
         self._seen_at = 0
-        self.heating = None if setup.heat is None else self._heating(setup.heat, run_of)
+        self.heating = None if setup.heat is None else self._heating(setup.heat, run_of, back_end)
+        if back_end is not None:
+            grid.engine.loop = back_end(grid.engine)
         self._lay_start()
         if parts.breaking is not None:
             with team.agreed():
@@ -82,7 +93,7 @@ class TimeLoop:
         if parts.breaking is not None:
             self._find_margin(parts.breaking)
 
-    def _heating(self, load: ThermalLoad, run_of: Callable[..., Any]) -> ThermalStrains:
+    def _heating(self, load: ThermalLoad, run_of: Callable[..., Any], back_end: BackEnd | None) -> ThermalStrains:
         """Return the temperature that strains the medium."""
         near, grid, sides = self.parts.near, self.parts.grid, self.parts.layered.sides
         broken = self._broken(load)
@@ -94,7 +105,8 @@ class TimeLoop:
         def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> TimeLoop:
             with of_the_heat():
                 parts = assemble(setup, margins)
-                return TimeLoop(setup, replace(parts, active_terms=[*parts.active_terms, (None, source)]), run_of)
+                parts = replace(parts, active_terms=[*parts.active_terms, (None, source)])
+                return TimeLoop(setup, parts, run_of, back_end=back_end)
 
         shared = sides_of_heat(self.parts.layered, grid.margins, self.parts.thermoelastic)
         stepped_heat = CoupledTemperature if load.coupled else StaggeredTemperature
