@@ -408,7 +408,7 @@ def test_a_run_chooses_its_layers_and_ends(model):
     given = lattice(*shape), model, fh.LatticePML(target=1e-3), {"u": 1e-3 * bump(shape, dim)}
     compiled, plain = (fh.Simulation(*given, engine=made).run(until=6.0) for made in (None, Interpreter))
     u = compiled.fields["u"]
-    assert compiled.thickness == plain.thickness and compiled.step_count == plain.step_count > 5
+    assert compiled.beyond == plain.beyond and compiled.step_count == plain.step_count > 5
     np.testing.assert_allclose(plain.fields["u"], u, rtol=0, atol=1e-12 * np.abs(u).max())
     assert plain.energy() == pytest.approx(compiled.energy(), rel=1e-10)
     assert plain.certificate().verdict == compiled.certificate().verdict

@@ -115,10 +115,10 @@ def test_what_it_must_answer_is_asked_where_it_is_defined():
         class Layered(fh.Side):
             stretched: ClassVar[bool] = True
 
-    with pytest.raises(TypeError, match=r"Torn.undecided is true, so that the class needs a method 'as_layer'"):
+    with pytest.raises(TypeError, match=r"Torn.damped is true, so that the class needs a method 'damping'"):
 
         class Torn(fh.Side):
-            undecided: ClassVar[bool] = True
+            damped: ClassVar[bool] = True
 
     assert not {"Open", "Layered", "Torn"} & set(Side.known)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from farhorizon import kinds
 from farhorizon.arguments import Duration
@@ -40,8 +39,7 @@ class Auto(Side):
     LatticePML(target=0.0001, nodes=None, profile=None, until=30.0)
     """
 
-    endless: ClassVar[bool] = True
-    undecided: ClassVar[bool] = True
+    alone = Extended.alone
     target: float | None = None
     until: Duration | None = None
 

@@ -70,11 +70,9 @@ class Exact(Side):
     True
     """
 
-    endless: ClassVar[bool] = True
     exact: ClassVar[bool] = True
-    uniform: ClassVar[bool] = True
-    vectors: ClassVar[bool] = False
-    drifting: ClassVar[bool] = True
+    assumes = frozenset({"one component", "no losses", "one stage"})
+    alone = "they sum over the whole past of the nodes at the end, step by step"
     dims: ClassVar[tuple[int, ...]] = (1,)
     compress: float | None = 1e-12
 

@@ -48,8 +48,8 @@ class Extended(Side):
     """
 
     label: ClassVar[str] = "extended domain"
-    endless: ClassVar[bool] = True
     extended: ClassVar[bool] = True
+    alone = "the domain grows by what all data need until the end of the run"
     cracks: ClassVar[Literal["end"]] = "end"
     target: float | None = None
     nodes: int | None = None

@@ -97,9 +97,6 @@ class LatticePML(Side):
     """
 
     label: ClassVar[str] = "lattice PML"
-    endless: ClassVar[bool] = True
-    stretched: ClassVar[bool] = True
-    uniform: ClassVar[bool] = True
     cracks: ClassVar[Literal["continue"]] = "continue"
     target: float | None = None
     nodes: int | None = None

@@ -64,9 +64,8 @@ class NonlocalPML(Side):
     """
 
     label: ClassVar[str] = "nonlocal PML"
-    endless: ClassVar[bool] = True
-    uniform: ClassVar[bool] = True
-    derivatives: ClassVar[bool] = True
+    assumes = frozenset({"no drift", "no losses"})
+    alone = "stretched derivatives are remembered on all nodes beyond them, cut across, too"
     cracks: ClassVar[Literal["end", "continue", "refuse"]] = "end"
     nodes: int = 30
     ramp: str = "cubic"

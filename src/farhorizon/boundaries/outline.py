@@ -173,10 +173,10 @@ class Medium:
 class Closing(Side, ABC):
     """Condition that closes an outline: it determines the values of the halo from nodes of the near field."""
 
-    endless: ClassVar[bool] = True
     closing: ClassVar[bool] = True
-    vectors: ClassVar[bool] = False
-    reactive: ClassVar[bool] = False  # it assumes waves of the bonds alone
+    # waves of the bonds alone
+    assumes = frozenset({"one component", "one density", "no reaction", "no drift", "no losses", "one stage"})
+    alone = "they follow from nodes along the outline, which several processes have"
     #: Thickness of the halo that it sets; the reach of the stencil unless given.
     layer: float | None = None
 

@@ -34,7 +34,7 @@ class Fixed(Side):
     value: Annotated[float, Unit(FIELD)] = 0.0
     passive: ClassVar[bool] = True
     image: ClassVar[int] = -1
-    drifting: ClassVar[bool] = True
+    assumes = frozenset()
     cracks: ClassVar[Literal["end"]] = "end"
 
     def __post_init__(self) -> None:
@@ -87,7 +87,7 @@ class Periodic(Side):
     """
 
     periodic: ClassVar[bool] = True
-    drifting: ClassVar[bool] = True
+    assumes = frozenset()
     passive: ClassVar[bool] = True
     cracks: ClassVar[Literal["repeat"]] = "repeat"
 

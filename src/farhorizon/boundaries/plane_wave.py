@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from scipy import sparse
@@ -145,7 +145,7 @@ class PlaneWave(Closing):
     rcond: float = 1 / _CONDITION
     balanced: bool = True
 
-    vectors: ClassVar[bool] = True
+    assumes = Closing.assumes - {"one component"}
 
     def __post_init__(self) -> None:
         takes: dict[str, Callable[[Any, str], Any]] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from inspect import isabstract
 from typing import Any, ClassVar, Literal
 
@@ -11,6 +11,10 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
+
+Assumption = Literal["one component", "one density", "no reaction", "no drift", "no losses", "one stage"]
+# what is true of a side because it has an answer
+_ANSWERS = {"endless": "wanted", "stretched": "make_layer", "damped": "damping", "derivatives": "stretches"}
 
 
 class Side:
@@ -22,7 +26,8 @@ class Side:
     Attributes
     ----------
     endless : bool
-        The medium continues beyond the side: whatever leaves does not return, and data beyond it would be missed.
+        The medium continues beyond the side, because it has `wanted`: whatever leaves does not return, and data beyond
+        it would be missed.
     bonded : bool
         Bonds cross the side.
     periodic : bool
@@ -31,18 +36,14 @@ class Side:
         Sign of the mirror image that represents a wall; 0 if there is none.
     held : float or None
         Fixed value of all nodes beyond.
-    uniform : bool
-        The medium continues along the normal as at the edge, where it must not vary.
     stretched : bool
         Its nodes form a layer, which `make_layer` returns.
     damped : bool
-        Its nodes are damped by `damping`.
+        Its nodes are damped, because it has `damping`.
     extended : bool
         Its nodes are nodes of the medium, as many as the run needs.
-    undecided : bool
-        A run replaces it by the result of `as_layer` or `as_domain`, whichever takes less time.
     derivatives : bool
-        At its nodes derivatives are stretched, see `stretches`, and initial data continue there: only for
+        At its nodes derivatives are stretched, because it has `stretches`, and initial data continue there: only for
         correspondence materials.
     exact : bool
         There is no error except rounding error.
@@ -55,12 +56,10 @@ class Side:
     cracks : {"end", "continue", "repeat", "refuse"}
         Treatment of a crack that crosses it: cut as it is given, continued straight along the normal, required to
         re-enter on the opposite side, or refused.
-    vectors : bool
-        It is available for fields of several components.
-    reactive : bool
-        It is available for media whose stencil has a reaction.
-    drifting : bool
-        It is available for stencils whose weights ahead and behind differ.
+    assumes : set of {"one component", "one density", "no reaction", "no drift", "no losses", "one stage"}
+        What it assumes of the medium and of the integrator; "no drift": weights are equal ahead and behind.
+    alone : str
+        Why it works on a single process only; empty if it does not.
     dims : tuple of int
         The numbers of dimensions in which it is available.
     label : str
@@ -78,9 +77,8 @@ class Side:
     Raises
     ------
     TypeError
-        When an endless side is defined without `wanted`, a stretched one without `make_layer`, a damped one without
-        `damping`, one with derivatives without `stretches`, an undecided one without `as_layer` or `as_domain`, or one
-        with a name that a class of another module has.
+        When a side is called endless without `wanted`, stretched without `make_layer`, damped without `damping`, or one
+        with derivatives without `stretches`, or has a name that a class of another module has.
 
     Examples
     --------
@@ -95,20 +93,17 @@ class Side:
     bonded: ClassVar[bool] = True
     periodic: ClassVar[bool] = False
     image: ClassVar[int] = 0
-    uniform: ClassVar[bool] = False
     stretched: ClassVar[bool] = False
     damped: ClassVar[bool] = False
     extended: ClassVar[bool] = False
-    undecided: ClassVar[bool] = False
     derivatives: ClassVar[bool] = False
     exact: ClassVar[bool] = False
     closing: ClassVar[bool] = False
     passive: ClassVar[bool] = False
     shared: ClassVar[bool] = False
     cracks: ClassVar[Literal["end", "continue", "repeat", "refuse"]] = "refuse"
-    vectors: ClassVar[bool] = True
-    reactive: ClassVar[bool] = True
-    drifting: ClassVar[bool] = False
+    assumes: ClassVar[Set[Assumption]] = frozenset({"no drift"})
+    alone: ClassVar[str] = ""
     dims: ClassVar[tuple[int, ...]] = (1, 2, 3)
     label: ClassVar[str]
     tag: ClassVar[str]
@@ -120,16 +115,13 @@ class Side:
 
     def __init_subclass__(cls, offered: bool = True, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for asked, answer in (
-            ("endless", "wanted"),
-            ("stretched", "make_layer"),
-            ("damped", "damping"),
-            ("derivatives", "stretches"),
-            ("undecided", "as_layer"),
-            ("undecided", "as_domain"),
-        ):
-            if getattr(cls, asked) and getattr(cls, answer) is getattr(Side, answer):
-                raise TypeError(f"{cls.__name__}.{asked} is true, so that the class needs a method {answer!r}")
+        for name, verb in _ANSWERS.items():
+            answers = getattr(cls, verb) is not getattr(Side, verb)
+            if cls.__dict__.get(name) and not answers:
+                raise TypeError(f"{cls.__name__}.{name} is true, so that the class needs a method {verb!r}")
+            setattr(cls, name, answers)
+        if cls.damped or cls.derivatives or cls.node_rule is not Side.node_rule:
+            cls.assumes = cls.assumes | {"one stage"}
         namesake = Side.known.get(cls.__name__)
         if namesake is not None and namesake.__module__ != cls.__module__:
             raise TypeError(
@@ -193,14 +185,15 @@ class Side:
         raise NotImplementedError
 
     def as_layer(self, until: float | None, default: float) -> Side:
-        """Return an absorbing side for a run of the given length, if it is known, that meets the target or that of the
-        model, `default`.
+        """Return the side for a run of the given length, if it is known: itself, unless it is to be chosen. It then is
+        an absorbing one that meets the target or that of the model, `default`; a run takes this or the result of
+        `as_domain`, whichever is faster.
         """
-        raise NotImplementedError
+        return self
 
     def as_domain(self, until: float | None) -> Side:
-        """Return an extended domain for a run of the given length, if it is known."""
-        raise NotImplementedError
+        """Return an extended domain for a run of the given length, if it is known, for a side that is to be chosen."""
+        return self
 
     def undamped(self) -> Side:
         """Return the same side without its filter of short waves."""

@@ -34,8 +34,6 @@ class Sponge(Side):
     array([0.0625, 0.25  , 0.5625, 1.    ])
     """
 
-    endless: ClassVar[bool] = True
-    damped: ClassVar[bool] = True
     passive: ClassVar[bool] = True
     nodes: int = 40
     strength: Frequency | None = None

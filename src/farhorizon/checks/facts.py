@@ -148,7 +148,7 @@ def bond_rows(sim: Examined) -> Rows:
         breaking = f"{law.law}, except within one reach of sides that are not free"
     shape = "nonlinear" if law.nonlinear else "linear"
     contact = ", absent ones carry compression" if law.contact else ""
-    if law.slides and sim.engine.tables.faces.nodes.size:
+    if law.slides and sim.engine.get("faces.nodes").size:
         contact += f", faces of cracks slide with a friction of {law.friction:g}"
     return [("bonds", f"{shape}, {breaking}{contact}; predictions are for the linear form with intact bonds")]
 

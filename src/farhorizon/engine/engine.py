@@ -469,10 +469,6 @@ class Engine:
         """Accumulate the work of the sources from now on; the older level must outlive a step."""
         self.replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // CHUNK)))
 
-    def count_work(self, work: float) -> None:
-        """Add to the accumulated work, per unit mass of a node."""
-        self.tables.work[0] += work
-
     @property
     def work(self) -> float:
         """Work of the sources, per unit mass of a node."""
@@ -526,10 +522,6 @@ class Engine:
         strains and, in state-based media, without contact of absent bonds; `again` as in `operate`.
         """
         return self.operate(level, sweep_operations(self.tables), thermal=False, contact=False, again=again)
-
-    def core_operator(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Return `apply_core` as a callable for repeated use: preparing its tables takes longer than a small sweep."""
-        return _Prepared(self, sweep_operations(self.tables), thermal=False, contact=False)
 
     def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
         """Thermal forces on undisplaced nodes in a state-based medium, as a level, and four times the energy of each

@@ -275,7 +275,7 @@ class Elastic(LatticeModel):
         """
         if side.derivatives:
             return self.material == "correspondence" and isinstance(self.kernel, Kernel) and not self.stabilisation
-        return super().serves(side) and side.vectors
+        return super().serves(side) and "one component" not in side.assumes
 
     def _check_law(self) -> None:
         """Check the parameters of bonds that have a law of their own stretch."""

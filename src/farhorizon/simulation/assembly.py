@@ -158,8 +158,8 @@ def survey(
     elif given_setup.model.varying or given_setup.lattice.existing is not None:
         setup, variation = varied(given_setup)
     lattice, model = setup.lattice, setup.model
-    autos = {key: side for key, side in setup.sides.items() if side.undecided}
-    sides = setup.sides | {key: side.as_layer(None, model.target) for key, side in autos.items()}
+    sides = {key: side.as_layer(None, model.target) for key, side in setup.sides.items()}
+    autos = {key: side for key, side in setup.sides.items() if side is not sides[key]}
     check_model(setup, sides)
     stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
@@ -171,7 +171,7 @@ def survey(
         coefficient = node_factor(setup)
         variation = variation.times(coefficient)
     if variation.stiffness is not None or variation.density is not None:
-        check_variation(sides, variation, stencil)
+        check_variation(model, sides, variation, stencil)
     if any(side.derivatives for side in sides.values()):
         check_entrances(given_setup, sides, stencil)
     if setup.load_steps is not None:

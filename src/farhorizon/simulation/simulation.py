@@ -268,7 +268,7 @@ class Simulation(Run):
         self._end = 0.0  # end of the run, as far as it is known
         self._incident_notes: list[str] = []
         sides_of_all = self.setup.sides if team else self.sides
-        self._chooses = any(b.stretched or b.extended or b.undecided for b in sides_of_all.values())
+        self._chooses = any(b.stretched or b.extended for b in sides_of_all.values())
         self._side_selection = SideSelection(parts.autos, [key for key, b in sides_of_all.items() if b.open_ended])
         with team.agreed():
             self.resting = self.time_loop = TimeLoop(setup, parts, partial(self.of, engine=engine), team, engine)

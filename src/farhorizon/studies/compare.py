@@ -279,7 +279,8 @@ def _homogeneous(setup: Setup, ours: Simulation) -> bool:
 def _besides(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
     """What is run in addition to a set-up: the other absorber, a fixed and a free edge, as far as applicable."""
     ends = (("fixed", Fixed), ("free", Free))
-    served = [rim for rim, end in ends if ours.model.serves(end) and (end.drifting or not ours.stencil.drifting)]
+    refused = {"no drift"} if ours.stencil.drifting else set()
+    served = [rim for rim, end in ends if ours.model.serves(end) and not refused & end.assumes]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
 

@@ -198,26 +198,13 @@ def check_divisible(setup: Setup, observers: Sequence[Observer]) -> None:
         if given:
             raise InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
     for at, side in setup.sides.items():
-        if why := _of_one_process(side):
+        if side.alone:
             raise InputError(
-                f"sides of the kind {side.label} are not computed on several processes yet: {why}",
+                f"sides of the kind {side.label} are not computed on several processes yet: {side.alone}",
                 key=f"boundary.{side_name(*at)}",
                 limit="LatticePML, Sponge, Fixed, Free, Impedance, Periodic",
                 remedy="LatticePML, or one process",
             )
-
-
-def _of_one_process(side: Side) -> str:
-    """Return why a side works on a single process only, or ""."""
-    if side.exact:
-        return "they sum over the whole past of the nodes at the end, step by step"
-    if side.closing:
-        return "they follow from nodes along the outline, which several processes have"
-    if side.derivatives:
-        return "stretched derivatives are remembered on all nodes beyond them, cut across, too"
-    if side.extended or side.undecided:
-        return "the domain grows by what all data need until the end of the run"
-    return ""
 
 
 def check_choosable(setup: Setup) -> None:

@@ -6,7 +6,8 @@ import itertools
 
 import numpy as np
 
-from farhorizon.boundaries import Side, names
+from farhorizon.boundaries import names
+from farhorizon.boundaries.side import Assumption
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.cracks import cut_bonds
@@ -72,6 +73,21 @@ def check_model(setup: Setup, sides: Sides) -> None:
         _check_attenuation(setup, sides)
 
 
+def _refuse_sides(
+    sides: Sides, model: LatticeModel, assumption: Assumption, what: str, value: object, remedy: str = "LatticePML"
+) -> None:
+    """Refuse sides that assume what does not hold."""
+    for key, side in sides.items():
+        if assumption in side.assumes:
+            raise InputError(
+                f"{type(side).__name__} does not support {what}",
+                value=value,
+                key=f"boundary.{side_name(*key)}",
+                limit=names(lambda other: assumption not in other.assumes and model.serves(other)),
+                remedy=remedy,
+            )
+
+
 def _check_attenuation(setup: Setup, sides: Sides) -> None:
     """Refuse sides and incident waves that are made for a medium without losses, bonds with a law of their own,
     energies of regions and reactions, and single precision, in which forces are differences of values that have lost
@@ -88,8 +104,9 @@ def _check_attenuation(setup: Setup, sides: Sides) -> None:
         *((isinstance(one, Incident), key, type(one).__name__, "a source, or initial data") for key, one in sources),
     ]
     for place, side in sides.items():
-        of_the_lossless = side.exact or side.closing or side.derivatives
-        refused.append((of_the_lossless, f"boundary.{side_name(*place)}", type(side).__name__, "LatticePML"))
+        refused.append(
+            ("no losses" in side.assumes, f"boundary.{side_name(*place)}", type(side).__name__, "LatticePML")
+        )
     for given, key, value, remedy in refused:
         if given:
             raise InputError("not available in a medium with attenuation", value=value, key=key, remedy=remedy)
@@ -120,19 +137,11 @@ def _check_modified_equation(setup: Setup, sides: Sides) -> None:
         (len(setup.constraints) > 0, "constraint", len(setup.constraints), 'Fixed sides, or integrator = "verlet"'),
         (setup.balance, "balance", True, 'leave it out, or integrator = "verlet"'),
     ]
-    for place, side in sides.items():
-        supports = type(side).node_rule is not Side.node_rule
-        one_stage = side.exact or side.closing or side.damped or side.derivatives or supports
-        name = type(side).__name__
-        instead = "LatticePML, Extended, Free, Fixed, Periodic"
-        refused.append((one_stage, f"boundary.{side_name(*place)}", name, instead))
+    _refuse_sides(sides, model, "one stage", "the modified equation", model.integrator.name)
     for given, key, value, remedy in refused:
         if given:
             raise InputError(
-                "the modified equation serves linear waves without damping, between sides that take part in each stage",
-                value=value,
-                key=key,
-                remedy=remedy,
+                "the modified equation serves linear waves without damping", value=value, key=key, remedy=remedy
             )
 
 
@@ -174,7 +183,7 @@ def _check_bonds(setup: Setup) -> None:
         )
 
 
-def check_variation(sides: Sides, variation: Variation, stencil: Stencil) -> None:
+def check_variation(model: LatticeModel, sides: Sides, variation: Variation, stencil: Stencil) -> None:
     """Refuse sides that continue the medium with a single density if the density varies, and a medium that drifts if
     anything varies.
     """
@@ -186,17 +195,8 @@ def check_variation(sides: Sides, variation: Variation, stencil: Stencil) -> Non
             limit="constants, and no coefficient",
             remedy="numbers, or a stencil with equal weights at k and -k",
         )
-    if variation.density is None:
-        return
-    for key, boundary in sides.items():
-        if boundary.closing:
-            raise InputError(
-                "continues the medium with one density",
-                value=type(boundary).__name__,
-                limit="a density that is the same everywhere",
-                key=f"boundary.{side_name(*key)}",
-                remedy="LatticePML",
-            )
+    if variation.density is not None:
+        _refuse_sides(sides, model, "one density", "a density that varies", "values that vary")
 
 
 def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
@@ -332,7 +332,7 @@ def _check_vector(setup: Setup, sides: Sides) -> None:
             "the background of a vector field is zero", value=setup.background, key="background", remedy="leave it out"
         )
     for key, boundary in sides.items():
-        if not boundary.vectors or boundary.held:
+        if "one component" in boundary.assumes or boundary.held:
             raise InputError(
                 f"{name} has no such side",
                 value=repr(boundary),
@@ -356,14 +356,7 @@ def _check_reaction(setup: Setup, sides: Sides, stencil: Stencil) -> None:
                 limit="a reaction >= 0 beside sides that absorb",
                 remedy="Fixed, Free or Periodic, far enough away",
             )
-        if not boundary.reactive:
-            raise InputError(
-                f"{type(boundary).__name__} does not support media with a reaction",
-                value=value,
-                key=f"boundary.{side_name(*key)}",
-                limit=names(lambda side_type: side_type.reactive and model.serves(side_type)),
-                remedy="LatticePML",
-            )
+    _refuse_sides(sides, model, "no reaction", "media with a reaction", value)
     if model.dissolution is not None:
         raise InputError("metal that dissolves has no reaction", value=value, key="model", limit=0)
     if any(isinstance(source, Incident) for source in setup.sources):
@@ -395,15 +388,7 @@ def _check_drift(setup: Setup, sides: Sides, stencil: Stencil) -> None:
             key="model.operator",
             remedy="larger weights for the diffusion, or differences that lie upstream",
         )
-    for key, boundary in sides.items():
-        if not boundary.drifting:
-            raise InputError(
-                f"{type(boundary).__name__} does not support {words}",
-                value=type(boundary).__name__,
-                key=f"boundary.{side_name(*key)}",
-                limit=names(lambda side_type: side_type.drifting and model.serves(side_type)),
-                remedy="Exact",
-            )
+    _refuse_sides(sides, model, "no drift", words, stencil.weights.tolist(), "Exact")
     conditions = [condition for condition in setup.constraints if not isinstance(condition, Prescribed)]
     for name, given in (
         ("crack", len(setup.cracks)),

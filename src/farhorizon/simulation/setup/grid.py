@@ -167,7 +167,7 @@ def choose_margins(
         margins[axis, side] = layered.width((axis, side), near.stencil, lattice.spacing)
         if states is not None and boundary.held is not None:
             margins[axis, side] = int(np.abs(states.offsets[:, axis]).max())
-        if boundary.uniform and not boundary.derivatives:
+        if boundary.stretched or boundary.exact:
             m = near.stencil.reach[axis]
             last = np.arange(m + 1) if side < 0 else lattice.shape[axis] - 1 - np.arange(m + 1)
             least = int(boundary.stretched)
@@ -182,7 +182,7 @@ def choose_margins(
             edge = (lattice.lower if side < 0 else lattice.upper)[axis]
             close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
             margins[axis, side] = 1 + m if busy or any(close) else least
-    outer = {key: margins[key] for key, boundary in layered.sides.items() if boundary.uniform}
+    outer = {key: margins[key] for key, side in layered.sides.items() if side.stretched or side.exact}
     margins_of_all = team.gather(outer)
     return margins | {key: max(margins_there.get(key, 0) for margins_there in margins_of_all) for key in outer}
 

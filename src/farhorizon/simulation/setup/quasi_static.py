@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.inputs.load_steps import LoadSteps
 from farhorizon.medium.integrators import Verlet
@@ -24,11 +23,7 @@ def check_load_steps(setup: Setup, sides: Sides) -> None:
     model = setup.model
     moving = setup.initial is not None and "v" in setup.initial
     law = getattr(model, "law", None)
-    unlimited = [
-        key
-        for key, side in sides.items()
-        if side.endless or side.closing or side.exact or side.damped or type(side).node_rule is not Side.node_rule
-    ]
+    unlimited = [key for key, side in sides.items() if side.endless or "one stage" in side.assumes]
     refused: list[tuple[bool, str, object, str]] = [
         (not model.mechanical or model.of_temperature is not None, "model", model.title, "Elastic or Correspondence"),
         (not isinstance(model.integrator, Verlet), "model.integrator", model.integrator.name, 'integrator = "verlet"'),

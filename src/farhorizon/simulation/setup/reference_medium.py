@@ -185,7 +185,7 @@ def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int]
     if variation.lame is None:
         return None
     ratio = variation.lame[0] / (variation.lame[0] + 2 * variation.lame[1])
-    layered = [key for key, side in setup.sides.items() if side.stretched or side.undecided]
+    layered = [key for key, side in setup.sides.items() if side.as_layer(None, setup.model.target).stretched]
     ratios = [group.largest(_largest_at(ratio, setup.lattice, reach, *key, initial=-1.0)) for key in layered]
     return max(ratios, default=None)
 

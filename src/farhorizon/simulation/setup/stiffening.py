@@ -66,12 +66,12 @@ def largest_rate(grid: Grid, team: ProcessGroup, known: float = 0.0) -> float:
     exists = engine.get("exists", places)
     nodes = engine.all_components(places[exists]).reshape(engine.components, -1)
     root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
-    level, operator = engine.level(), engine.core_operator()
+    level = engine.level()
 
     def applied(values: np.ndarray) -> np.ndarray:
         level[nodes] = root * values
         engine.complete(level)
-        return -root * operator(level)[nodes]
+        return -root * engine.apply_core(level, again=True)[nodes]
 
     def product(left: np.ndarray, right: np.ndarray) -> float:
         return float(team.summed(np.array([(left * right).sum()]))[0])

@@ -20,6 +20,14 @@ Arrays = dict[str, np.ndarray]
 #: Entries of the fingerprint that refer to the nodes of one process; not compared when several processes are involved.
 OF_A_BOX = "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"
 
+# Values of an engine that belong to the whole run, by their names in a checkpoint.
+_WHOLE = {
+    "fringe": "outline_history",
+    "stretches": "stretches.memory",
+    "impactors": "impactors.state",
+    "slips": "faces.slips",
+}
+
 
 def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
     """What a checkpoint and the run that resumes from it must have in common, as JSON; `cuts` is the number of absent
@@ -129,15 +137,7 @@ def whole_of(parts: RunParts) -> tuple[Arrays, dict[str, Any]]:
     if parts.ends is not None:
         more, meta["exact"] = parts.ends.save()
         arrays |= more
-    if parts.closure is not None:
-        arrays["fringe"] = engine.get("outline_history")
-    if engine.get("stretches.memory").size:
-        arrays["stretches"] = engine.get("stretches.memory")
-    if parts.impactors is not None:
-        arrays["impactors"] = engine.get("impactors.state")
-    if engine.get("faces.slips").size:
-        arrays["slips"] = engine.get("faces.slips")
-    return arrays, meta
+    return arrays | {key: engine.get(name) for key, name in _WHOLE.items() if engine.get(name).size}, meta
 
 
 def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
@@ -145,13 +145,7 @@ def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[
     engine = parts.grid.engine
     if parts.ends is not None:
         parts.ends.load(arrays, meta["exact"])
-    if parts.closure is not None:
-        engine.put("outline_history", arrays["fringe"])
-    if "stretches" in arrays:
-        engine.put("stretches.memory", arrays["stretches"])
-    if parts.impactors is not None:
-        engine.put("impactors.state", arrays["impactors"])
-    if "slips" in arrays:
-        engine.put("faces.slips", arrays["slips"])
+    for key in _WHOLE.keys() & arrays.keys():
+        engine.put(_WHOLE[key], arrays[key])
     for name, sums in parts_of_sums(engine).items():
         sums[...] = arrays[f"sums/{name}"]

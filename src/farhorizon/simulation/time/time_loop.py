@@ -300,7 +300,7 @@ class TimeLoop:
         self.motion.release(step)
         if self.setup.lasting:
             gained = present(self.energies()) - before  # total of all processes, counted by the first one
-            self.parts.grid.engine.count_work(gained / self.parts.near.mass * (self.team.number == 0))
+            self.parts.grid.engine.add("work", gained / self.parts.near.mass * (self.team.number == 0), 0)
 
     def balance(self) -> dict[str, float]:
         """Return the gains since the start by origin, see `farhorizon.Simulation.balance`."""
