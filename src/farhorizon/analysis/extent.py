@@ -127,11 +127,9 @@ class Waves:
 def extent(
     medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, target: float, given: int | None = None
 ) -> Extent:
-    """The smallest number of nodes beyond a side, the first axis of the medium and the data, for which a fixed edge at
-    their end reflects less than the error `target`; or what the `given` number of nodes reflects.
-
-    The error is relative to the largest value that each datum causes (`sizes`), in diffusion to that at the same time.
-    `mirror` says what the opposite side is: 1 free, -1 fixed, 0 open.
+    """The smallest number of nodes beyond a side (the first axis of the medium) for which a fixed edge at their end
+    reflects less than `target`, relative to the largest value of each datum (`sizes`), or what the `given` number
+    reflects; `mirror` is 1 for a free opposite side, -1 for a fixed, 0 for an open one.
     """
     until = medium.steps * medium.dt
     if medium.travel > _LONGEST:

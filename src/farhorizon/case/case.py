@@ -37,22 +37,8 @@ _MOST_OUTPUTS = 1e6  # each takes milliseconds
 
 
 class Case:
-    """A validated case file.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    path : Path or str
-        Path named in messages; its stem is the name of the results.
-    changes : mapping of str to values, optional
-        Values at dotted keys ("model.speed") that replace those in the text. The attribute `text` is then that of the
-        changed case.
-
-    Raises
-    ------
-    InputError
-        Any error in the file; the message gives file, key, value, limit and remedy.
+    """A validated case file; `changes` are values at dotted keys that replace those in the text, and `path` is named in
+    messages. Raises an InputError with file, key, value, limit and remedy.
     """
 
     def __init__(self, text: str, path: str | Path = "case.toml", changes: Mapping[str, Any] | None = None) -> None:

@@ -28,23 +28,9 @@ from farhorizon.simulation.time.steps import last_step
 
 
 class InversionFile:
-    """A validated inversion file.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    path : Path or str
-        Path named in messages; other files are relative to its folder, and its stem is the name of the results.
-    changes : mapping of str to values, optional
-        Values at dotted keys of the inversion file that replace those in the text.
-    of_cases : mapping of str to values, optional
-        Values at dotted keys of all cases.
-
-    Raises
-    ------
-    InputError
-        Any error in the file, its cases or its data; the message gives file, key, value, limit and remedy.
+    """A validated inversion file; `changes` and `of_cases` are values at dotted keys that replace those of the file and
+    of all cases, and `path`, whose folder other files are relative to, is named in messages. Raises an InputError with
+    file, key, value, limit and remedy.
     """
 
     def __init__(

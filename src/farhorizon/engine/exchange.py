@@ -41,10 +41,8 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Messages:
-    """Values that are sent and received, axis by axis.
-
-    Each row is a message: the destination and the source (negative for none), the places that are sent and those that
-    are filled, and a tag, twice the axis plus one on the high side.
+    """Values that are sent and received, axis by axis. Each row is a message: destination and source (negative for
+    none), the places that are sent and filled, and a tag, twice the axis plus one on the high side.
     """
 
     link: Link

@@ -12,9 +12,8 @@ from farhorizon.engine.point_law import PointLaw
 
 
 class Stage(NamedTuple):
-    """One stage of a step: ``out = a*src + b*base + scale*L(src)`` on all nodes.
-
-    A field of several components has in each level one copy of the layout per component, one after the other.
+    """One stage of a step: ``out = a*src + b*base + scale*L(src)`` on all nodes; components follow each other in a
+    level.
     """
 
     src: np.ndarray

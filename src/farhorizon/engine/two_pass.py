@@ -125,13 +125,8 @@ class TwoPassOperator:
         self, nodes: np.ndarray, neighbours: np.ndarray, bare_nodes: np.ndarray, bare: np.ndarray, exists: np.ndarray
     ) -> None:
         """Set the bonds that are absent from now on: cut ones by place, one entry per direction in the order of the
-        nodes, and for S nodes which of their bonds have only one end that exists, shape (K, S).
-
-        Raises
-        ------
-        InputError
-            If the shape tensor of a node with stretched derivatives is not diagonal, so that the derivative along one
-            axis would involve bonds along another.
+        nodes, and for S nodes which of their bonds have only one end, (K, S); an InputError if the shape tensor of a
+        node with stretched derivatives is not diagonal.
         """
         missing = _MissingBonds.of(self, nodes, neighbours, bare_nodes, bare, exists)
         shapes, left = self._shapes_beside(missing)

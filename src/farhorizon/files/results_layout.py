@@ -65,21 +65,8 @@ class Caution(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Lattice and fields of a results file.
-
-    Attributes
-    ----------
-    shape, lower, spacing
-        Nodes along x[, y[, z]], coordinates of the first node, distance of neighbouring ones.
-    components : dict of str to int
-        Of each field.
-    probes : ndarray, shape (n, dim)
-    probe_components : int
-        Of the values at the probes.
-    accounts : tuple of str
-        Entries of the balance.
-    boxes : ndarray of int, shape (parts, dim, 2)
-        Boxes of the parts that store the fields; empty if the file itself stores them.
+    """Lattice and fields of a results file: components by field, positions (n, dim) and components of the probes,
+    entries of the balance, and boxes (parts, dim, 2) of the parts that store the fields, if the file itself does not.
     """
 
     shape: tuple[int, ...]

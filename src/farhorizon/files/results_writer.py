@@ -66,23 +66,12 @@ def check_replaceable(path: Path) -> None:
 
 
 class ResultsWriter:
-    """Appends outputs to a results file, by `create` or `resume`.
+    """Appends outputs to a results file, by `create` or `resume`. Every call opens the file, appends and closes it; a
+    killed process leaves a file with or without what was appended.
 
-    Every call opens the file, appends and closes it; a killed process leaves a file with or without what was appended.
-
-    Attributes
-    ----------
-    path : Path
-    outputs, rows, records : int
-        Numbers of valid outputs, history rows and probe records so far; checkpoints store them for `resume`.
-    recorded : dict of str to int
-        Number of valid rows of each recorder.
-    fields, components, shape, accounts
-        Names of the fields with their numbers of components, nodes along the axes, entries of the balance.
-    whole : bool
-        Whether the fields are in the file itself, not in parts.
-    last_step : int or None
-        Step number of the last output; None if there is none.
+    Checkpoints store the numbers of valid `outputs`, `rows` of the history, `records` of the probes, and of `recorded`
+    rows by recorder, for `resume`. If `whole`, the fields are in the file itself; `last_step` is that of the last
+    output.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -118,29 +107,9 @@ class ResultsWriter:
         regions: Regions | None = None,
         boxes: Sequence[Box] = (),
     ) -> ResultsWriter:
-        """Create an empty results file; an older results file of that name is replaced together with its parts, any
-        other file is refused.
-
-        Parameters
-        ----------
-        path, shape, spacing, lower, fields, accounts
-            As in `Layout`.
-        dtype : {"float32", "float64"}
-            Type of the stored fields.
-        probes : ndarray, shape (n, dim), optional
-        case, program : str
-            Text of the case file; name and version of the program.
-        components : int or mapping of str to int
-            1, or dim for vector fields. Probes show the field u if it is among the keys, whether written or not,
-            otherwise the first field.
-        units, provenance : mapping of str to str, optional
-            Units of "length", "time" and fields; what produced the file: command, machine, versions.
-        compress : bool
-            Compress the fields, without loss.
-        outlines, regions
-            Polylines by what they show, and materials of the nodes; None if one medium fills the lattice.
-        boxes : sequence of Box
-            Boxes of the parts, whose files are created and appended to separately; a folder for them is created.
+        """Create an empty results file with the entries of `Layout`, fields of type `dtype`, texts and names for the
+        reader, and for fields in parts the `boxes` of these, for which it creates a folder; an older results file of
+        that name is replaced together with its parts, any other file is refused.
         """
         path = Path(path)
         check_replaceable(path)

@@ -89,15 +89,10 @@ def decompose(
     least: int = 1,
     work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """Divide a lattice into the grid of boxes that exchange least, cut into equal work along each axis; an InputError
-    for more processes than the lattice can be cut into, or a topology with another number of boxes than processes.
-
-    Parameters
-    ----------
-    more : work beyond each side, such as that of layers, in nodes of the lattice along the axis
-    topology : boxes along each axis; the best ones unless given
-    least : minimum number of nodes of a box along an axis that is cut; it is more than twice the reach in any case
-    work : work of the nodes at each index along each axis, in units of `more`; 1 everywhere unless given
+    """Divide a lattice into the grid of boxes (`topology`, or the best one) that exchange least, cut into equal work
+    along each axis; an InputError for more processes than the lattice can be cut into, or a topology with another
+    number of boxes. `more` is the work beyond each side, `work` that of the nodes along each axis, `least` the minimum
+    number of nodes of a box, more than twice the reach.
     """
     fewest = [max(least, 2 * m + 1) for m in reach]
     most = [max(1, n // few) for n, few in zip(shape, fewest, strict=True)]

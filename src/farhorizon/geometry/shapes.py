@@ -656,27 +656,10 @@ def _mitre(normals: Array, tangents: Array, neighbours: Array, tip: float) -> Ar
 
 
 def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -> Mask:
-    """Determine which bonds a straight crack in the plane cuts.
+    """Determine which bonds, with ends a0 and a1 (..., 2), a straight crack from b0 to b1 (2,) cuts, (...).
 
     A bond is cut if it meets the closed segment, to 1e-9 of the bond's length, with nodes on the crack's line counted
     as lying on its left; see the head of this module. Bonds along the crack are not cut, bonds that graze a tip are.
-
-    Parameters
-    ----------
-    a0, a1 : array_like, shape (..., 2)
-        The ends of the bonds; the shapes broadcast.
-    b0, b1 : array_like, shape (2,)
-        The ends of the crack; left is as seen from b0 towards b1.
-
-    Returns
-    -------
-    ndarray of bool, shape (...)
-        True where the bond is cut.
-
-    Raises
-    ------
-    InputError
-        If b0 equals b1, or for arrays of the wrong shape.
     """
     return Polyline([constant("b0", b0, (2,)), constant("b1", b1, (2,))]).cuts(a0, a1)
 

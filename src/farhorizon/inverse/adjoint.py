@@ -25,28 +25,15 @@ from farhorizon.simulation.time.source_table import Batch, SourceTable
 
 
 class Residuals:
-    """Derivatives of a misfit by the field at the nodes, as sums over receivers.
-
-    Parameters
-    ----------
-    steps : int
-    shape : tuple of int
-        Of the field.
-    """
+    """Derivatives of a misfit by the field at the nodes, as sums over receivers."""
 
     def __init__(self, steps: int, shape: tuple[int, ...]) -> None:
         self.steps, self.size = steps, int(np.prod(shape))
         self._parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
     def add(self, nodes: np.ndarray, weights: np.ndarray, rates: np.ndarray) -> None:
-        """Add one group of receivers.
-
-        Parameters
-        ----------
-        nodes, weights : ndarray, shape (n, K)
-            Flat indices of the nodes of each receiver, and their weights.
-        rates : ndarray, shape (steps + 1, n, components)
-            Derivative by the record of each receiver after each step.
+        """Add receivers with nodes and weights (n, K), and derivatives by the record of each after each step, (steps +
+        1, n, components).
         """
         self._parts.append((nodes, weights, rates))
 
@@ -70,15 +57,8 @@ class Residuals:
 
 
 class AdjointFeed(SourceTable):
-    """Supply of an adjoint run with residuals, the last ones first.
-
-    Parameters
-    ----------
-    sim : Simulation
-        At rest.
-    residuals : Residuals
-    shift : int
-        Step of the run plus that of its adjoint.
+    """Supply of an adjoint run, at rest, with residuals, the last ones first; `shift` is the step of the run plus that
+    of its adjoint.
     """
 
     def __init__(self, sim: Simulation, residuals: Residuals, shift: int) -> None:
@@ -114,18 +94,7 @@ def adjoint_run(
     team: ProcessGroup = ALONE,
     topology: Sequence[int] | None = None,
 ) -> Simulation:
-    """Return the adjoint of a run, at its start.
-
-    Parameters
-    ----------
-    setup : Setup
-        That of the run, with all choices made.
-    residuals : Residuals
-    shift : int
-    observe : sequence of Recorder
-    team, topology
-        Processes that share the run, and boxes along the axes.
-    """
+    """Return the adjoint of a run, at its start, for the run's set-up with all choices made."""
     given: dict[str, Any] = dict(setup.boundary)  # type: ignore[arg-type]
     sides = {name: replace(side, value=0.0) if isinstance(side, Fixed) else side for name, side in given.items()}
     held = tuple(_at_zero(one) for one in setup.constraints if isinstance(one, Prescribed))

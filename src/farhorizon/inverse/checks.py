@@ -35,12 +35,8 @@ _PARAMETERS: dict[type, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Asked:
-    """What a gradient is taken by.
-
-    Attributes
-    ----------
-    constants, initial, sources, parameters : tuple of str
-        Constants of the medium; "u", "v"; names of sources; names of their parameters, such as "source.at".
+    """What a gradient is taken by: constants of the medium, "u" and "v", names of sources, and of their parameters
+    ("source.at").
     """
 
     constants: tuple[str, ...]
@@ -77,12 +73,8 @@ class SourceSlopes(NamedTuple):
 
 
 def source_slopes(sim: Simulation, name: str) -> SourceSlopes:
-    """Return the derivatives of a source by one of its parameters.
-
-    Raises
-    ------
-    InputError
-        A place at which the weights of the interpolation have a kink.
+    """Return the derivatives of a source by one of its parameters; an InputError where the interpolation's weights have
+    a kink.
     """
     near, (key, _, parameter) = sim.parts.near, name.rpartition(".")
     source = dict(zip(keys("source", sim.setup.sources), sim.setup.sources, strict=True))[key]
@@ -103,12 +95,8 @@ def source_slopes(sim: Simulation, name: str) -> SourceSlopes:
 
 
 def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
-    """Return what a gradient is taken by.
-
-    Raises
-    ------
-    InputError
-        A word that means nothing, a constant that the model lacks, a source that is not there.
+    """Return what a gradient is taken by; an InputError for a word without meaning, a constant or a source that is not
+    there.
     """
     names = [wrt] if isinstance(wrt, str) else kinds.sequence(wrt, "wrt", "names")
     if not names:
@@ -130,12 +118,7 @@ def asked_for(setup: Setup, wrt: str | Sequence[str]) -> Asked:
 
 
 def check_linear(setup: Setup, asked: Asked) -> None:
-    """Refuse runs whose operator is not linear, or not reciprocal, so that their adjoint is no run of the same kind.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse runs whose operator is not linear, or not reciprocal, so that their adjoint is no run of the same kind."""
     for (axis, side), boundary in setup.sides.items():
         if boundary.closing or boundary.derivatives:
             raise InputError(
@@ -264,12 +247,8 @@ def default_region(sim: Simulation) -> np.ndarray:
 
 
 def check_region(region: Any, sim: Simulation, asked: Asked) -> np.ndarray:
-    """Return a region as a mask of the lattice's shape.
-
-    Raises
-    ------
-    InputError
-        It is empty, has nodes outside the body, or within one reach of a side that absorbs.
+    """Return a region as a mask of the lattice's shape; an InputError if it is empty, leaves the body, or comes within
+    one reach of an absorbing side.
     """
     most = default_region(sim)
     if asked.constants and np.any(sim.stencil.reaction):
@@ -336,13 +315,7 @@ def check_misfits(misfits: Sequence[Misfit], steps: int, components: int) -> Non
 
 
 def shots_of(shots: Any) -> list[tuple[Setup, list[Misfit]]]:
-    """Return shots as pairs of a set-up and a list of misfits.
-
-    Raises
-    ------
-    InputError
-        No shot, or something else.
-    """
+    """Return shots as pairs of a set-up and a list of misfits; an InputError for anything else, or none."""
     given = kinds.sequence(shots, "shots", "pairs (set-up, misfit)")
     if not given:
         raise InputError("there is no shot", value=0, limit=">= 1", key="shots", remedy="[(setup, misfit)]")

@@ -56,24 +56,12 @@ def _add_space(out, u, w, mine, other, arm):
 
 @njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
 def correlate_bonds(u, row, w, shape, offsets, arms, rule, factor, begins, exists, lost, total):
-    """Add to `total`, shape (places,), the derivative of the sum over time of ``w . K u`` by the factor of each place.
+    """Add to `total` (places,) the derivative of the sum over time of ``w . K u`` by the factor of each place, for the
+    run u (rows, components, places), whose `row` belongs to the first one of the adjoint w (steps, components, places).
 
-    Parameters
-    ----------
-    u : ndarray, shape (rows, components, places)
-    row : int
-        Row of `u` that belongs to the first row of `w`; the next rows of `w` belong to the rows before.
-    w : ndarray, shape (steps, components, places)
-    shape : ndarray of int, shape (3,)
-    offsets : ndarray of int, shape (K, 3)
-        One of each pair of opposite bonds.
-    arms : ndarray, shape (K, R, 1 + components)
-        The weight of a bond is the sum over R of the first number times the outer square of the others.
-    rule : int
-    factor, begins, exists : ndarray, shape (places,)
-        Factor on the bonds; 1 where bonds begin that are counted, 0 elsewhere; 1 where they may end.
-    lost : ndarray, shape (K, places) or (0, 0)
-        Fraction of each bond that cracks have cut.
+    The `offsets` (K, 3) are one of each pair of opposite bonds; the weight of a bond is the sum over the R `arms` (K,
+    R, 1 + components) of the first number times the outer square of the others. Bonds that are counted begin where
+    `begins` is 1 and end where `exists` is 1, and have `lost` a fraction (K, places) to cracks.
     """
     components, bonds = w.shape[1], arms.shape[0]
     n0, n1, n2 = shape
@@ -128,22 +116,11 @@ def correlate_inertia(u, row, w, after, now, before, own, total):
 
 @njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
 def correlate_states(u, row, w, shape, offsets, gradient, alive, laws, law_of, total):
-    """Subtract from `total`, shape (3, places), the sum over time of ``q(w) . L q(u)`` for the laws L of unit moduli.
+    """Subtract from `total` (3, places) the sum over time of ``q(w) . L q(u)`` for the `laws` (kinds, 3, n, n) of unit
+    moduli, of which a place has that of the number `law_of` (negative if it does not count).
 
-    The state q of a node is the sum over its bonds of G times the difference of the field along them.
-
-    Parameters
-    ----------
-    u, row, w, shape
-        As in `correlate_bonds`.
-    offsets : ndarray of int, shape (K, 3)
-        All bonds of a node.
-    gradient : ndarray, shape (K, n, components)
-    alive : ndarray, shape (K, places) or (0, 0)
-        Whether each bond is there; empty if all are.
-    laws : ndarray, shape (kinds, 3, n, n)
-    law_of : ndarray of int, shape (places,)
-        Which of these a node has; negative for places that do not count.
+    The state q of a node is the sum over its K bonds that are `alive` (K, places) of `gradient` (K, n, components)
+    times the difference of the field along them; u, row and w as in `correlate_bonds`.
     """
     bonds, states, components = gradient.shape
     n0, n1, n2 = shape

@@ -18,18 +18,8 @@ _KIND = "farhorizon inversion"
 
 
 class Stored(NamedTuple):
-    """What the file of an inversion holds.
-
-    Attributes
-    ----------
-    digest : str
-        Of the problem.
-    history : list of (int, int, float)
-        Stage, iteration and misfit of each step.
-    models : list of dict of str to ndarray
-        Maps after each step.
-    change : ndarray
-        The unknowns after the last one.
+    """What the file of an inversion holds: the digest of the problem, stage, iteration and misfit of each step, the
+    maps after each step, and the unknowns after the last one.
     """
 
     digest: str
@@ -67,12 +57,8 @@ def write_inversion(path: Path, stored: Stored) -> None:
 
 
 def read_inversion(path: Path, digest: str) -> Stored | None:
-    """Return what a file holds; None if there is none.
-
-    Raises
-    ------
-    FileFormatError
-        The file is damaged, or that of another program or problem.
+    """Return what a file holds, None if there is none; a FileFormatError for a damaged file, or one of another program
+    or problem.
     """
     if not path.exists():
         return None

@@ -154,16 +154,7 @@ def gradient(
 
 
 class Returning(NamedTuple):
-    """A run that has been made, and what drives its adjoint.
-
-    Attributes
-    ----------
-    setup : Setup
-        With all choices made.
-    residuals : Residuals
-    shift : int
-        Step of the run plus that of its adjoint.
-    """
+    """A run that has been made, and what drives its adjoint; `shift` is the step of the run plus that of its adjoint."""
 
     setup: Setup
     residuals: Residuals

@@ -20,15 +20,8 @@ _PARTS = "levels", "memory"  # of an engine that a run goes back to
 
 
 class PatchRecorder(Recorder, offered=False):
-    """A recorder that sees the places of a patch, and perhaps further nodes, after every step.
-
-    Parameters
-    ----------
-    patch : Patch
-    nodes : ndarray of int, optional
-        Flat indices of further nodes of the lattice.
-    of_all : ndarray of int, optional
-        Sorted flat indices of the nodes that the patches of all processes have; of this one unless given.
+    """A recorder that sees, after every step, the places of a patch and perhaps further `nodes`, flat indices; `of_all`
+    are the sorted ones of the patches of all processes.
     """
 
     name = "patch"
@@ -72,22 +65,8 @@ class PatchRecorder(Recorder, offered=False):
 
 
 class Rows(PatchRecorder, offered=False):
-    """The values of a run on a patch in consecutive steps.
-
-    Parameters
-    ----------
-    patch : Patch
-    walls : list of (ndarray of bool, float)
-        Places beyond walls, and the value there; see `Patch.held`.
-    real : {"float64", "float32"}
-    of_all : ndarray of int, optional
-        As in `PatchRecorder`.
-
-    Attributes
-    ----------
-    first : int
-        Step of the first row.
-    values : ndarray, shape (rows, components, places)
+    """The `values` (rows, components, places) of a run on a patch in consecutive steps, from step `first` on; `walls`
+    are places beyond walls and the value there, see `Patch.held`.
     """
 
     def __init__(
@@ -150,15 +129,7 @@ def advance(sim: Simulation, patch: Patch, steps: int) -> None:
 
 
 class Piece(NamedTuple):
-    """The rows of some steps of a run.
-
-    Attributes
-    ----------
-    first, end : int
-        The steps that the piece serves.
-    rows : Rows
-        Also has the step before the first one, for waves, and the end.
-    """
+    """The rows of the steps from `first` to `end` of a run; for waves also the step before."""
 
     first: int
     end: int
@@ -204,15 +175,7 @@ class Past(NamedTuple):
 
 
 class WholeHistory:
-    """A history that is kept as a whole.
-
-    Parameters
-    ----------
-    sim : Simulation
-        At its start, with `rows` among its recorders.
-    rows : Rows
-    steps : int
-    """
+    """A history that is kept as a whole, of a run at its start with `rows` among its recorders."""
 
     def __init__(self, sim: Simulation, rows: Rows, steps: int) -> None:
         self.sim, self.rows, self.steps = sim, rows, steps
@@ -228,21 +191,7 @@ class WholeHistory:
 
 
 class Remade:
-    """A history whose pieces are computed again from states that were kept.
-
-    Parameters
-    ----------
-    sim : Simulation
-        At its start.
-    setup : Setup
-        That of `sim`, with all choices made.
-    rows : Rows
-    steps : int
-    length : int
-        Steps in a piece.
-    room : int
-        Number of states that may be kept at a time.
-    """
+    """A history whose pieces, `length` steps each, are computed again from up to `room` states that were kept."""
 
     def __init__(self, sim: Simulation, setup: Setup, rows: Rows, steps: int, length: int, room: int) -> None:
         self.sim, self.rows, self.steps, self.length, self.room = sim, rows, steps, length, room
@@ -252,20 +201,8 @@ class Remade:
 
     @classmethod
     def within(cls, budget: float, row: int, sim: Simulation, setup: Setup, rows: Rows, steps: int) -> Remade:
-        """Return the history that fits into a number of bytes with the least work.
-
-        Parameters
-        ----------
-        budget : float
-        row : int
-            Bytes of a row.
-        sim, setup, rows, steps
-            As in the constructor.
-
-        Raises
-        ------
-        InputError
-            Not even a few states fit; exact ends, which keep their own past.
+        """Return the history that fits into `budget` bytes with the least work, for rows of `row` bytes; an InputError
+        where not even a few states fit, or for exact ends, which keep their own past.
         """
         key, size = "memory", int(sim.team.largest(sum(sim.engine.get(name).nbytes for name in _PARTS)))
         if sim.exact_ends is not None:

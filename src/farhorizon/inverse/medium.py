@@ -21,20 +21,7 @@ _STEP = 1e-20  # of the complex-step derivative, relative to a value: no differe
 
 
 class Medium:
-    """Sums of a gradient by the medium, as the adjoint run goes on.
-
-    Parameters
-    ----------
-    setup : Setup
-        With all choices made.
-    parts : Parts
-        Those of the run.
-    patch : Patch
-    region : ndarray of bool
-        Nodes at which the medium is unknown.
-    constants : sequence of str
-        What the derivatives are taken by.
-    """
+    """Sums of a gradient by constants of the medium in a region, as the adjoint run goes on."""
 
     def __init__(
         self, setup: Setup, parts: RunParts, patch: Patch, region: np.ndarray, constants: Sequence[str]
@@ -76,15 +63,8 @@ class Medium:
         return any(slope is not None and bool(slope.any()) for slope in slopes)
 
     def correlate(self, rows: Rows, n: int, w: np.ndarray) -> None:
-        """Add the part of some steps of the adjoint run.
-
-        Parameters
-        ----------
-        rows : Rows
-            The run.
-        n : int
-            Its step that belongs to the first row of `w`; the next rows belong to the steps before.
-        w : ndarray, shape (steps, components, places)
+        """Add the part of some steps w (steps, components, places) of the adjoint run; step n of the run belongs to the
+        first of them, earlier ones to the next.
         """
         row = n - rows.first
         if self._stiff:
@@ -127,14 +107,8 @@ class Medium:
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """Sums of a gradient by the moduli of a material whose forces follow from states of the nodes.
-
-    Attributes
-    ----------
-    shape3, offsets, gradient, alive, laws, law_of
-        As in `correlate_states`.
-    total : ndarray, shape (3, places)
-        The sums so far.
+    """Sums `total` (3, places) of a gradient by the moduli of a material whose forces follow from states of the nodes;
+    the other fields as in `correlate_states`.
     """
 
     shape3: np.ndarray

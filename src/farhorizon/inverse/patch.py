@@ -15,17 +15,8 @@ from farhorizon.simulation.setup.setup import Setup
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A box of places, one reach wider than a region; beyond walls its places are those of the halo.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    reach : tuple of int
-        Of the operator along each axis of the lattice.
-    first : tuple of int
-        Index of the first place along each axis of the lattice; negative beyond the lower edge.
-    shape : tuple of int
-    periodic : frozenset of int
+    """A box of places, one reach wider than a region, by the index of the first (negative beyond the lower edge) and
+    the number along each axis of the lattice; beyond walls its places are those of the halo.
     """
 
     lattice: Lattice

@@ -17,22 +17,8 @@ def states_ahead(count: int, room: int) -> list[int]:
 
 
 def pieces_backward(count: int, room: int) -> Iterator[tuple[int, int, list[int]]]:
-    """Yield the pieces from the last one to the first.
-
-    Parameters
-    ----------
-    count : int
-        Number of pieces.
-    room : int
-        Number of states that may be kept at a time, at least one.
-
-    Yields
-    ------
-    piece : int
-    start : int
-        The piece at whose beginning the state lies from which this one is made.
-    keep : list of int
-        Numbers of the pieces at whose beginnings states are to be kept on the way there.
+    """Yield the numbers of `count` pieces from the last one to the first, with the piece at whose beginning the state
+    lies from which it is made, and those at whose beginnings states are to be kept, up to `room` at a time.
     """
     kept = states_ahead(count, room)
     for piece in reversed(range(count)):

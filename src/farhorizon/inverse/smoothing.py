@@ -10,14 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 @dataclass(frozen=True, eq=False)
 class Smoothing:
-    """Means of values under a Gaussian, over the nodes that exist.
-
-    Attributes
-    ----------
-    width : float
-        Standard deviation of the Gaussian, in spacings; 0 changes nothing.
-    exists : ndarray of bool
-    """
+    """Means of values under a Gaussian with a standard deviation in spacings, over the nodes that exist."""
 
     width: float
     exists: np.ndarray
@@ -41,18 +34,9 @@ class Smoothing:
 def roughness(
     values: np.ndarray, region: np.ndarray, tikhonov: float, variation: float, floor: float
 ) -> tuple[float, np.ndarray]:
-    """Return a penalty on differences between neighbours, at least one of which lies in a region, and its derivative.
-
-    It is the mean over the region of ``tikhonov / 2 sum d^2 + variation (sqrt(sum d^2 + floor^2) - floor)`` with the
-    differences d ahead of a node along each axis.
-
-    Parameters
-    ----------
-    values, region : ndarray
-    tikhonov, variation : float
-        Weights of the sum of squares, which prefers smooth maps, and of the total variation, which allows edges.
-    floor : float
-        Differences that count as small.
+    """Return a penalty on differences between neighbours in a region, and its derivative: the mean of ``tikhonov / 2
+    sum d^2 + variation (sqrt(sum d^2 + floor^2) - floor)`` with the differences d ahead of a node along each axis. The
+    sum of squares prefers smooth maps, the total variation allows edges.
     """
     count, slope = max(1, int(region.sum())), np.zeros(values.shape)
     ahead, squares = [], np.zeros(values.shape)

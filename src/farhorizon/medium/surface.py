@@ -21,20 +21,12 @@ def products(offsets: np.ndarray) -> np.ndarray:
 
 
 def excess(present: np.ndarray, energies: np.ndarray, cosines: np.ndarray) -> np.ndarray:
-    """Numbers q by which the half of each bond that belongs to a node is stiffer, ``1 + cosines @ q``, shape (S, M).
+    """Numbers q (S, M) by which the half of each `present` bond (S, K) that belongs to a node is stiffer, ``1 + cosines
+    @ q``, for `energies` (K,) under a unit stretch and `products` (K, M).
 
     With them the energies of the node under unit stretches along each axis and each pair of axes are those that all K
     bonds would store. Of all numbers that achieve this they change the bonds least. A node whose bonds would have to be
     negative is stiffened as far as none is.
-
-    Parameters
-    ----------
-    present : ndarray of bool, shape (S, K)
-        Which bonds the nodes have.
-    energies : ndarray, shape (K,)
-        Energy of each bond under a unit stretch.
-    cosines : ndarray, shape (K, M)
-        `products` of the bonds.
     """
     of_present = present * energies
     moments = np.einsum("sk,kp,kq->spq", of_present, cosines, cosines)

@@ -36,21 +36,9 @@ class HeldNodes(NamedTuple):
 
 
 class BarEnds(NamedTuple):
-    """Response of what lies beyond a bar: side 0 is the left end, side 1 the right; node m of a side is the m-th from
-    its end.
-
-    Attributes
-    ----------
-    grounds : ndarray, shape (2, K)
-        Sum of the weights of the bonds of each end node that reach beyond the bar.
-    heads : ndarray, shape (2, B, K, K)
-        Force kernel at lags 0 .. B - 1, for the samples of the current block; B = 1 if there is no kernel.
-    past : ndarray, shape (2, B, K)
-        Force of all earlier blocks at the beginning of each step.
-    samples : ndarray, shape (2, B, K)
-        Output: the values of the end nodes at the beginning of each step.
-    poles, inputs, outputs, states : ndarray of complex, shapes (2, P), (2, P, K), (2, P, K), (2, P)
-        Sums of exponentials; the states are updated in place.
+    """Response of what lies beyond a bar at its left and right end, K nodes each: the weights of bonds beyond it
+    (`grounds`), the kernel at the lags of a block of B steps (`heads`), the force of earlier blocks (`past`), the end
+    nodes' values (`samples`), or sums of P exponentials, whose `states` are updated in place.
     """
 
     grounds: np.ndarray

@@ -19,15 +19,7 @@ from farhorizon import InputError
 
 @dataclass(frozen=True)
 class Study:
-    """Numbers as a function of the horizon and of the number of nodes in it.
-
-    Attributes
-    ----------
-    horizons : ndarray, shape (H,)
-    ratios : ndarray, shape (M,)
-        Number of nodes in the horizon, m.
-    values : ndarray, shape (H, M)
-    """
+    """Values (H, M) as a function of the horizon (H,) and of the number of nodes in it (M,)."""
 
     horizons: np.ndarray
     ratios: np.ndarray

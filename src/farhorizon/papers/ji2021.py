@@ -167,15 +167,9 @@ def beam_kernel(t: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BarExample:
-    """A bar on -10 .. 10 (201 nodes) with the paper's boundary.
-
-    Attributes
-    ----------
-    soft : float
-        Factor beta of the bonds in |x| < 4 (eq 44); 1 for a homogeneous bar.
-    seismic : bool
-        If True, the bar starts at rest with a Ricker pulse at the origin until t = 10 and a free right end, instead of
-        the Gaussian of eq 36.
+    """A bar on -10 .. 10 (201 nodes) with the paper's boundary; `soft` is the factor of the bonds in |x| < 4 (eq 44).
+    If `seismic`, it starts at rest with a Ricker pulse at the origin until t = 10 and a free right end, instead of the
+    Gaussian of eq 36.
     """
 
     soft: float = 1.0

@@ -21,19 +21,8 @@ Reference = Callable[[int], np.ndarray]
 
 @dataclass
 class Measured:
-    """Results of a run with one condition.
-
-    Attributes
-    ----------
-    errors : ndarray, shape (times,)
-        Largest difference from the infinite medium over the near field at each time; infinite from the overflow of the
-        run on.
-    fields : list of ndarray
-        Field in the near field at those times at which it is kept.
-    history : ndarray, shape (times,)
-        Values at one node; nan if no node was given, and from the overflow on.
-    stability : str
-        What the certificate of this set-up says, in a few words; empty if it was not asked.
+    """Errors (times,), relative to the infinite medium and infinite from an overflow on, of a run with one condition,
+    its fields, values at one node (nan without one), and a few words of its certificate.
     """
 
     errors: np.ndarray

@@ -87,24 +87,9 @@ def _body(spacing: float, region: Shape) -> Lattice:
 
 @dataclass(frozen=True)
 class CorrosionExample:
-    """One of the paper's examples.
-
-    Attributes
-    ----------
-    region, metal : Shape
-        Near field and specimen.
-    concentration : float
-        Concentration of the metal.
-    horizon : float
-        Published horizon, two spacings.
-    dt : float
-        Time step at the published spacing: some thirty times (2D) and a thousand times (3D) that of the paper.
-    exponent : int
-        Exponent p of the kernel.
-    far : float
-        Half the width of the large domain from whose edges nothing returns.
-    coarser : int
-        Factor that multiplies the horizon and the spacing, and its square the time step, at the same diffusivity.
+    """One of the paper's examples: near field and specimen, concentration, horizon (two spacings), kernel, and half the
+    width `far` of the domain from whose edges nothing returns. The step is some thirty times (2D) and a thousand times
+    (3D) that of the paper; `coarser` multiplies horizon and spacing, and its square the step.
     """
 
     region: Shape
@@ -195,25 +180,8 @@ SPHERE = CorrosionExample(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)
 
 @dataclass
 class Course:
-    """Course of the runs with each closure and of the infinite medium.
-
-    Attributes
-    ----------
-    times : list of float
-    peak, energy : list of float
-        Largest concentration in the infinite medium, and integral of its square over the near field (eq. 48).
-    errors, energies : dict of str to list of float
-        For each closure, the largest difference from the infinite medium divided by `peak`, and the integral of the
-        square.
-    fields : dict of str to list of ndarray
-        Fields at the requested times, those of the infinite medium first.
-    shifted : dict of str to (int, int)
-        For each closure, the number of nodes that dissolve at another step than in the infinite medium, and the largest
-        difference in steps.
-    dissolved : ndarray
-        Times of dissolution with the first closure.
-    initial : ndarray
-        Initial field.
+    """Course of the runs with each closure (`errors` relative to the largest concentration `peak`, `energies` of eq.
+    48, and how many nodes are `shifted` to another step) and of the infinite medium.
     """
 
     times: list[float]

@@ -41,15 +41,8 @@ def map_picture(
 
 
 def misfit_picture(history: Sequence[tuple[int, int, float]], names: Sequence[str], path: str | Path) -> None:
-    """Draw misfits, relative to the first one of each stage, over the number of iterations.
-
-    Parameters
-    ----------
-    history : sequence of (int, int, float)
-        Stage, iteration and misfit of each step.
-    names : sequence of str
-        What each stage is, for the legend.
-    path : str or Path
+    """Draw misfits, from (stage, iteration, misfit), relative to the first one of each stage, over the number of
+    iterations.
     """
     with figure_at(path, (4.6, 3.1)) as figure:
         panel = figure.add_subplot()
@@ -69,16 +62,8 @@ def misfit_picture(history: Sequence[tuple[int, int, float]], names: Sequence[st
 def records_picture(
     points: np.ndarray, times: np.ndarray, data: np.ndarray, records: np.ndarray, path: str | Path, label: str
 ) -> None:
-    """Draw data, the records of a run and their difference, which is drawn larger by a power of ten where it is small.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, dim)
-    times : ndarray, shape (rows,)
-    data, records : ndarray, shape (rows, n)
-    path : str or Path
-    label : str
-        Name of the values.
+    """Draw data, the records of a run (rows, n) and their difference, which is drawn larger by a power of ten where it
+    is small.
     """
     residual = records - data
     ratio = np.abs(data).max(initial=0) / (np.abs(residual).max(initial=0) or 1.0)

@@ -60,15 +60,6 @@ _NAMES = {
 def in_words(name: str, words: Mapping[str, str] = _NONE) -> str:
     """Name of a quantity, a component ("u_x"), a length ("|u|"), a divergence ("div u") or a curl in words with its
     symbol; unknown names remain, with spaces for underscores. `words` are names of quantities in the case.
-
-    Examples
-    --------
-    >>> in_words("stress_von_mises")
-    'von Mises stress'
-    >>> in_words("u_x", {"u": "displacement"})
-    'displacement $u_{x}$'
-    >>> in_words("div u"), in_words("my_field")
-    ('divergence $\\\\nabla \\\\cdot u$', 'my field')
     """
     bare = name.strip("|")
     quantity, component = (bare, "") if bare in _NAMES else (bare.rpartition("_")[0], bare.rpartition("_")[2])

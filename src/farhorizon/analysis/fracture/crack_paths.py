@@ -38,15 +38,6 @@ def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold
     """Find the cracks in a field of damage, the fraction of the bonds of each node that are cut or broken, (nx, ny);
     `lower` is the position of the first node, `threshold` half of the damage beside a long crack. Branches shorter than
     two horizons count as part of the width of a crack.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x = np.arange(20.0)
-    >>> damage = 0.4 * np.clip((12.25 - x) / 4 + 0.5, 0, 1)[:, None] * np.isin(np.arange(9), (4, 5))
-    >>> cracks = find_cracks(damage, np.zeros(2), 1.0, threshold=0.2, horizon=2.0)
-    >>> cracks.tips.tolist()  # the other end leaves through the edge
-    [[12.25, 4.5]]
     """
     values, reach = np.nan_to_num(damage), max(1, round(horizon / spacing))
     lines_mask = _pruned(_thinned(values >= threshold), int(np.ceil(_SHORT * horizon / spacing)))

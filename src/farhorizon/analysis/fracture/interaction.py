@@ -33,48 +33,10 @@ _GRAZING = 1e-6  # part of a half-turn by which the circles are examined short o
 
 
 class InteractionDomain:
-    """A ring around the tip of a straight crack, and the weights with which the nodes in it give its intensities.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        In the plane.
-    tip, ahead : array_like, shape (2,)
-        The tip, and the direction in which the crack would grow.
-    radii : (float, float)
-        Radii of the circles between which q falls from 1 to 0.
-    cuts : sequence of Cut
-        All cracks of the medium.
-    medium : NearTip
-
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (N,)
-        Flat indices in the lattice.
-    static : ndarray, shape (modes, N, components)
-        Weights on the displacements.
-    loaded : ndarray, shape (modes, N, components)
-        Weights on the force per volume that the bonds exert on a node, which is the density times its acceleration,
-        less the load.
-    modes : tuple of str
-        "K_I" and "K_II", or "K_III".
-
-    Raises
-    ------
-    InputError
-        The circles leave the near field, or a crack crosses them other than once, straight behind the tip.
-
-    Examples
-    --------
-    >>> import farhorizon as fh
-    >>> import numpy as np
-    >>> lattice = fh.Lattice(0.5, (-4.75, -4.75), (4.75, 4.75))
-    >>> crack, medium = fh.Polyline([(-9.0, 0.0), (0.0, 0.0)]), NearTip(1.0, 1.0)
-    >>> domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (2.0, 4.0), [crack], medium)
-    >>> x, y = (axis.ravel()[domain.nodes] for axis in lattice.coordinates())
-    >>> u = np.einsum("k,knc->nc", [3.0, -1.0], medium.fields(np.hypot(x, y), np.arctan2(y, x))[0])
-    >>> domain.intensities(u).round(1).tolist()
-    [3.0, -1.0]
+    """A ring between two `radii` around the tip of a straight crack, with the flat indices of its `nodes` (N,), and
+    their weights, (modes, N, components), in the intensities: `static` on displacements, `loaded` on the force per
+    volume that bonds exert; an InputError if a circle leaves the near field or a crack crosses it other than once,
+    behind the tip.
     """
 
     def __init__(
@@ -105,19 +67,8 @@ class InteractionDomain:
         self.nodes, self.static, self.loaded = candidates[used], static[:, used], loaded[:, used]
 
     def intensities(self, u: np.ndarray, force: np.ndarray | None = None) -> np.ndarray:
-        """Stress intensity factors of a field.
-
-        Parameters
-        ----------
-        u : ndarray, shape (..., N, components)
-            Displacements of `nodes`.
-        force : ndarray of the same shape, optional
-            Force per volume that the bonds exert on them, which is the density times the acceleration, less the load;
-            none by default.
-
-        Returns
-        -------
-        ndarray, shape (..., modes)
+        """Stress intensity factors (..., modes) of displacements u (..., N, components), and of the force per volume of
+        the bonds.
         """
         static = np.einsum("knc,...nc->...k", self.static, u)
         return static if force is None else static + np.einsum("knc,...nc->...k", self.loaded, force)
@@ -125,26 +76,13 @@ class InteractionDomain:
     def energy_release(
         self, u: np.ndarray, v: np.ndarray, density: float, force: np.ndarray, held: np.ndarray | None = None
     ) -> float:
-        r"""Energy that flows into the tip per new area, of a stationary or running crack: the domain J integral
+        """Energy that flows into the tip per new area, of a stationary or running crack, from displacements, velocities
+        and `force` (density times acceleration, less the load), each (nx, ny) or (2, nx, ny), at the nodes `held` by
+        bonds.
 
-        .. math:: \int \left(\sigma_{ij} u_{i,1} - (W + T)\,\delta_{1j}\right) q_{,j}\,dA
-           + \int q\,\left((\rho\ddot u_i - b_i) u_{i,1} - \rho \dot u_i \dot u_{i,1}\right) dA
-
-        with the strain energy W and the kinetic energy T per volume (Nakamura, Shih and Freund, 1985, Int. J. Fract.
-        27, 229). The second integral leaves out the region closer to the tip than three spacings, where the fields are
-        singular: for a running crack its terms cancel there.
-
-        Parameters
-        ----------
-        u, v : ndarray, shape (nx, ny), of vectors (2, nx, ny)
-            Displacements and velocities at one time.
-        density : float
-            Mass per volume; 1 for scalar waves.
-        force : ndarray of the same shape
-            Density times acceleration, less the load.
-        held : ndarray of bool, shape (nx, ny), optional
-            Nodes that are still connected to the medium; all by default. Nodes that have lost all their bonds move
-            freely, and their motion is not part of the field.
+        It is the domain integral of ``(sigma_ij u_i,1 - (W + T) delta_1j) q_,j + q ((rho u_i'' - b_i) u_i,1 - rho u_i'
+        u_i,1')`` (Nakamura, Shih and Freund, 1985, Int. J. Fract. 27, 229). Its second part leaves out what is closer
+        to the tip than three spacings, where the fields are singular: for a running crack its terms cancel there.
         """
         lattice, components = self._lattice, 1 if self.medium.antiplane else 2
         part = slice(None) if held is None else np.flatnonzero(held)

@@ -19,22 +19,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class NearTip:
-    """The near-tip fields of a medium.
-
-    Parameters
-    ----------
-    lame, shear : float
-        Lame's constants of the plane, also in plane stress; for mode III, `lame` does not matter.
-    antiplane : bool
-        Whether the field is a scalar, with mode III; otherwise there are modes I and II.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> plane = NearTip(lame=1.0, shear=1.0)
-    >>> u, _ = plane.fields(np.array([2.0]), np.array([np.pi]))
-    >>> bool(np.isclose(2 * u[0, 0, 1], 8 / plane.stiffness * np.sqrt(2 / (2 * np.pi))))  # how far the faces are apart
-    True
+    """The near-tip fields of a medium with Lame's constants of the plane (`lame` does not matter in mode III,
+    `antiplane`).
     """
 
     lame: float
@@ -56,17 +42,8 @@ class NearTip:
         return 4 * self.shear * (self.lame + self.shear) / (self.lame + 2 * self.shear)
 
     def fields(self, r: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements and their gradients for unit intensities, in coordinates of the tip.
-
-        Parameters
-        ----------
-        r, theta : ndarray, shape (n,)
-            Distance from the tip, and angle from the direction ahead, -pi and pi at the faces.
-
-        Returns
-        -------
-        u : ndarray, shape (modes, n, components)
-        gradient : ndarray, shape (modes, n, components, 2)
+        """Displacements (modes, n, components) and their gradients (modes, n, components, 2) for unit intensities, at
+        distances r and angles theta (n,) from the direction ahead, -pi and pi at the faces.
         """
         cos, sin, c, s = np.cos(theta), np.sin(theta), np.cos(theta / 2), np.sin(theta / 2)
         if self.antiplane:

@@ -19,30 +19,9 @@ _BESIDE = 1e-6  # spacings by which a face is off the crack, on its side
 
 
 def opening_intensity(r: np.ndarray, jump: np.ndarray, stiffness: float, near: tuple[float, float]) -> float:
-    """Intensity from the jump along a crack. Its square is fitted by a parabola in the distance, because the position
-    of the tip between two nodes is known only to a fraction of the spacing.
-
-    Parameters
-    ----------
-    r, jump : ndarray, shape (n,)
-        Distances from the tip, and displacement jumps there.
-    stiffness : float
-        E', see `farhorizon.analysis.fracture.near_tip.NearTip.stiffness`.
-    near : (float, float)
-        Distances between which the jump is used: above the horizon, and below a small part of the length of the crack.
-
-    Raises
-    ------
-    InputError
-        There are fewer than four places between them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> r = np.linspace(0.1, 4.0, 40)
-    >>> jump = 8 * 1.7 / 2.0 * np.sqrt((r + 0.04) / (2 * np.pi))  # the tip is a little farther on
-    >>> round(opening_intensity(r, jump, stiffness=2.0, near=(0.3, 2.0)), 12)
-    1.7
+    """Intensity from the jumps (n,) of the displacement at distances r (n,) behind the tip, between the two distances
+    `near`. The square is fitted by a parabola, because the position of the tip between two nodes is known only to a
+    fraction of the spacing; an InputError for fewer than four places.
     """
     used = (r > near[0]) & (r < near[1])
     if used.sum() < 4:
@@ -62,37 +41,9 @@ def opening_intensity(r: np.ndarray, jump: np.ndarray, stiffness: float, near: t
 def face_jumps(
     u: np.ndarray, lattice: Lattice, crack: Polyline, along: np.ndarray, cuts: Sequence[Cut] = ()
 ) -> np.ndarray:
-    """Jumps of a field across a crack in the plane, from its right to its left side in the order of its points. The
-    values on each face are from parabolas fitted to the nodes on its side.
-
-    Parameters
-    ----------
-    u : ndarray, shape (nx, ny), of vectors (2, nx, ny)
-    lattice : Lattice
-    crack : Polyline
-    along : ndarray, shape (n,)
-        Distances from the crack's first point.
-    cuts : sequence of Cut
-        Other cracks.
-
-    Returns
-    -------
-    ndarray, shape (n,), of vectors (n, 2)
-        For vectors, the components across the crack (positive where it is open) and along it.
-
-    Raises
-    ------
-    InputError
-        A place is beyond the crack's ends.
-
-    Examples
-    --------
-    >>> import farhorizon as fh
-    >>> import numpy as np
-    >>> lattice, crack = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), fh.Polyline([(-3.0, 0.2), (3.0, 0.2)])
-    >>> x, y = lattice.coordinates()
-    >>> face_jumps(x * (y > 0.2), lattice, crack, np.array([2.0, 5.0])).round(9).tolist()
-    [-1.0, 2.0]
+    """Jumps (n,), or (n, 2) across and along the crack, of a field (nx, ny), or (2, nx, ny), from the right to the left
+    face at distances `along` (n,) from the crack's first point; the values on a face are from parabolas fitted to the
+    nodes on its side.
     """
     steps = np.diff(crack.points, axis=0)
     ends = np.append(0.0, np.cumsum(np.linalg.norm(steps, axis=1)))

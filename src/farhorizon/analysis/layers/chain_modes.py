@@ -29,15 +29,9 @@ _FAR = 1e5
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a chain at one factor per step; d is the number of components of the field.
-
-    Attributes
-    ----------
-    incoming : complex, the factor per node of the wave that comes to the side (towards larger j)
-    vector : (d,), its polarisation, of length 1
-    leaving : (n,), factors of the modes that leave the side or decay away from it
-    vectors : (n, d), their polarisations
-    travels : (n,), which of them propagate; where none does, the one that reaches farthest
+    """Modes of a chain at one factor per step: factor per node and polarisation (d,) of the wave that comes to the
+    side, factors (n,) and polarisations (n, d) of those that leave it or decay, and which of these propagate (if none
+    does, the one that reaches farthest).
     """
 
     incoming: complex
@@ -179,13 +173,8 @@ def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
 
 @dataclass(frozen=True)
 class ArrivingWave:
-    """A wave that meets a side, with all modes of the medium at its factor per step and its tangential wavenumbers.
-
-    Attributes
-    ----------
-    weights : (2 K + 1,[ d, d]), as from `chain_weights`, times coefficient / spacing^2
-    along : (dim - 1,), tangential wavenumbers times spacing
-    factor : factor per step
+    """A wave that meets a side, with the weights of its chain, its tangential wavenumbers (dim - 1,) and its factor per
+    step.
     """
 
     weights: np.ndarray

@@ -75,14 +75,7 @@ _STEEPEST, _EARLY, _SLOWEST_DECAY = 3.2, 5.2, 2.3
 
 
 class Family(NamedTuple):
-    """Layers of one kind.
-
-    Attributes
-    ----------
-    name : str
-    layer : callable
-        The layer of a number of nodes; None where the family has none.
-    """
+    """Layers of one kind: a name, and the layer of a number of nodes (None where there is none)."""
 
     name: str
     layer: Callable[[int], Layer | None]
@@ -102,21 +95,8 @@ def thin(nodes: int, pace: float, rise: float = _RISE, strength: float = _STRENG
 def long_run_profile(
     nodes: int, pace: float, until: float, distance: float, wanted: float, equal: int | None = None
 ) -> Layer:
-    """A profile for a run of length `until`.
-
-    Parameters
-    ----------
-    nodes : int
-        At least 6.
-    pace : float
-        Speed / spacing.
-    until : float
-    distance : float
-        Between the data and the side, in nodes.
-    wanted : float
-        Target error relative to the data.
-    equal : int, optional
-        Number of edges of equal sigma, for waves along the normal; by default it depends on the target error.
+    """A profile of at least 6 nodes for a run of length `until`, data `distance` nodes from the side, and a target
+    error; the number `equal` of edges of equal sigma depends on the latter unless given.
     """
     length = pace * until
     equal = _equal_edges(wanted) if equal is None else equal
@@ -183,18 +163,12 @@ def _needed(stencil: Stencil, filtered: HighPass) -> float:
 
 
 def short(nodes: int, stencil: Stencil, pace: float) -> Layer | None:
-    """A layer that damps strong backward waves with a short filter; None where it would grow.
+    """A layer that damps strong backward waves with a short filter, or None where it would grow, for the speed /
+    spacing of the slowest medium along the side: one for the fastest is too strong for the backward waves of the
+    slowest.
 
     The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter damps long
     waves less and requires a higher rate.
-
-    Parameters
-    ----------
-    nodes : int
-    stencil : Stencil
-    pace : float
-        Speed / spacing of the slowest medium along the side: a layer for the fastest one is too strong for the backward
-        waves of the slowest, and lets them grow by more than its damping removes.
     """
     if nodes not in _SHORT:
         return None
@@ -216,21 +190,9 @@ def families(
     dt: float | None,
     steep: Callable[[int], Layer],
 ) -> list[Family]:
-    """The families for waves; those that need the fewest nodes or the least time come first.
-
-    Parameters
-    ----------
-    stencil : Stencil
-        Its first axis is the normal.
-    pace, slowest : float
-        Speed / spacing of the fastest and of the slowest medium along the side.
-    late : callable or None
-        The late profile of a number of nodes, where it is made for the run; it is used for scalars without backward
-        waves that reach no more than 4 nodes: others grow in it.
-    dt : float or None
-        Time step, for which dampers are tuned; None where they cannot be used.
-    steep : callable
-        The steep profile of a number of nodes.
+    """The families for waves, those that need the fewest nodes or the least time first, for speed / spacing of the
+    fastest and the slowest medium along the side. The `late` profile serves scalars without backward waves that reach
+    no more than 4 nodes: others grow in it; dampers need the step `dt`.
     """
     damped, last = high_pass(stencil), Family("steep", steep)
     if crowded(stencil) or (damped is not None and damped.whole) or (stencil.dim == 1 and weak(damped)):
@@ -256,16 +218,8 @@ def _thin(nodes: int, stencil: Stencil, pace: float, dt: float | None) -> Layer 
 
 
 def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
-    """A layer for diffusion.
-
-    Parameters
-    ----------
-    nodes : int
-    spacing : float
-    spread : float
-        Diffusivity times the length of the run.
-    distance : float
-        Shortest distance between the data and the side.
+    """A layer for diffusion; `spread` is the diffusivity times the length of the run, `distance` the shortest one
+    between the data and the side.
     """
     later = np.log(max(spread / distance**2, 1.0))
     steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
@@ -295,16 +249,8 @@ _TESTED = range(3, 9)
 
 @dataclass(frozen=True)
 class BackwardBand:
-    """Frequencies of backward waves, in units of speed / spacing.
-
-    Attributes
-    ----------
-    frequency, width : float
-        Of the dampers.
-    highest : float
-        Largest frequency of the medium.
-    rate : float
-        Damping rate over sigma that stops all backward waves, at the frequency that the dampers absorb most.
+    """Frequencies of backward waves, in units of speed / spacing: those of the dampers, their width, the largest of the
+    medium, and the damping rate over sigma that stops all of them.
     """
 
     frequency: float
@@ -333,16 +279,7 @@ def backward_band(stencil: Stencil, least_width: float = _LEAST_WIDTH) -> Backwa
 
 
 def tuned_layer(nodes: int, stencil: Stencil, pace: float, dt: float) -> Layer | None:
-    """The layer of a number of nodes with tuned dampers; None where it would grow.
-
-    Parameters
-    ----------
-    nodes : int
-    stencil : Stencil
-    pace : float
-        Speed / spacing.
-    dt : float
-    """
+    """The layer of a number of nodes with tuned dampers; None where it would grow."""
     band = backward_band(stencil)
     known = () if band is None else [entry for entry in _MARGINS if band.highest >= entry[0]]
     if band is None or not known or nodes not in _TESTED:
@@ -357,19 +294,8 @@ def tuned_layer(nodes: int, stencil: Stencil, pace: float, dt: float) -> Layer |
 
 
 def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Layer | None:
-    """The layer of a scalar in space, with dampers of weak backward waves in place of its filter.
-
-    None for vectors and in the plane; where there are no such waves; for more than 12 nodes, where filters reflect
-    less; and where the step is too long.
-
-    Parameters
-    ----------
-    layer : Layer
-        With the ramps of stencils without backward waves.
-    stencil : Stencil
-    pace : float
-        Speed / spacing.
-    dt : float
+    """A layer, of a scalar in space, with dampers of weak backward waves in place of its filter; None for vectors, in
+    the plane, without such waves, where the step is too long, and for more than 12 nodes, where filters reflect less.
     """
     if stencil.components > 1 or stencil.dim < 3 or not layer.filtered or layer.columns > _LIGHT_NODES:
         return None

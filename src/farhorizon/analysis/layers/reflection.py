@@ -35,15 +35,9 @@ from farhorizon.engine.filter import line_damping
 def reflection(
     matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex], factor: complex, modes: Modes, reach: int
 ) -> np.ndarray:
-    """Amplitudes of all leaving modes for an incoming wave of amplitude 1, both at the side's end of the near field.
-
-    Parameters
-    ----------
-    matrix : (n, n), the map of one step of a near field whose high end is the side, and of all memory of the side; the
-        low end is arbitrary
-    columns : (levels, d, columns), entries of the state that are the near field's nodes along the normal, at least
-        2 K + 2 columns
-    levels : amplitude of a wave in each time level: 1 for the field itself
+    """Amplitudes of all leaving modes for an incoming wave of amplitude 1, both at the side's end of the near field,
+    from the map (n, n) of one step; `columns` (levels, d, columns) are the entries of the near field's last nodes,
+    `levels` the amplitude of a wave in each time level.
     """
     count, width, size = len(modes.leaving), columns.shape[-1], len(matrix)
     place = np.arange(width) - (width - 1)

@@ -27,22 +27,8 @@ _MOST_AHEAD = 4  # largest factor on the nodes from one candidate to the next, s
 
 @dataclass(frozen=True, repr=False)
 class Thickness:
-    """A layer, and the error that trial runs showed.
-
-    Attributes
-    ----------
-    name : str
-        Name of its profile.
-    layer : Layer
-    predicted : float
-        Largest difference from a run with a better layer, for waves relative to the largest value, for diffusion
-        relative to the largest value at the same time; nan if no trial was made.
-    until : float
-        Length of the run that was chosen for.
-    tried : float
-        Length of the trial runs.
-    cost : float
-        Counted operations of the trial runs over those of the run; nan if they were not made now.
+    """A layer with the error that trial runs showed (nan without a trial), the lengths of the run and of the trials,
+    and the cost of these over that of the run (nan if they were not made now).
     """
 
     name: str
@@ -91,17 +77,7 @@ class Trials(Protocol):
 
 @dataclass(frozen=True)
 class Found:
-    """A candidate, and its error.
-
-    Attributes
-    ----------
-    family : Family
-    nodes : int
-    error : float
-        Nan if it is not known.
-    kept : bool
-        Whether the error is below what was wanted.
-    """
+    """A candidate, its error (nan if unknown), and whether that is below the target."""
 
     family: Family
     nodes: int
@@ -120,28 +96,12 @@ def thicker(nodes: int, apart: float = APART) -> int:
 
 
 def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apart: float = APART) -> Found:
-    """The layer with the fewest nodes whose error is at most `aim`, to an eighth of the nodes.
+    """The layer with the fewest nodes whose error is at most `aim`, to an eighth of the nodes, or the best one of up to
+    60; a node more than the errors so far suggest if the time is up. The first reference has `start` nodes, others
+    `apart` times those of a candidate.
 
     A candidate is judged by its difference from a reference, a thicker layer. If both are good, the difference is the
-    error of the thinner one; if one of them is not, the difference is large. So nothing is accepted whose reference is
-    worse than it should be.
-
-    Parameters
-    ----------
-    families : list of Family
-        Those that are expected to need the fewest nodes first.
-    trials : Trials
-    aim : float
-    start : int
-        Nodes of the first reference. The number of trials depends on it.
-    apart : float
-        Nodes of a reference over those of a candidate.
-
-    Returns
-    -------
-    Found
-        The candidate with the smallest error, if none of up to 60 nodes keeps the aim. With an unknown error, if no
-        time was left for a comparison: a node more than the errors so far suggest.
+    error of the thinner one; if one of them is not, the difference is large.
     """
     most, thick, errors = thicker(MOST, apart), start, [(0, 1.0)]
     best = of_nodes(families, min(start, most))
@@ -219,13 +179,7 @@ def _refined(families: list[Family], trials: Trials, aim: float, good: Found) ->
 
 
 class NotKept(InputError):
-    """No layer keeps a target.
-
-    Attributes
-    ----------
-    least : float
-        The smallest target that a layer keeps.
-    """
+    """No layer keeps a target; `least` is the smallest one that a layer keeps."""
 
     least = np.inf
 

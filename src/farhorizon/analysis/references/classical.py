@@ -167,15 +167,8 @@ class Slab:
 def line_source(
     r: ArrayLike, t: float, diffusivity: float, conductivity: float, power: float, width: float = 0.0
 ) -> np.ndarray:
-    """Infinite medium, initially at 0, around a line that heats it with constant power per length from t = 0 on.
-
-    Parameters
-    ----------
-    r : array_like
-        Distance from the line.
-    t, diffusivity, conductivity, power : float
-    width : float
-        The power is spread as ``exp(-(r / width)^2) / (pi width^2)``; 0 for a line (Carslaw and Jaeger, 10.4).
+    """Infinite medium, initially at 0, around a line that heats it with constant power per length from t = 0 on, spread
+    as ``exp(-(r / width)^2) / (pi width^2)`` (Carslaw and Jaeger, 10.4).
     """
     squared = np.asarray(r, float) ** 2
     late = squared / (width**2 + 4 * diffusivity * t)

@@ -31,39 +31,15 @@ def scalar_wave_in_the_plane(distance: float, times: np.ndarray, signal: Signal,
 
 @dataclass(frozen=True)
 class FullSpace:
-    """An unbounded elastic medium.
-
-    Parameters
-    ----------
-    p_speed, s_speed, density : float
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> steel = FullSpace(p_speed=5900.0, s_speed=3200.0, density=7800.0)
-    >>> where, when = np.array([0.0, 0.0, 1.0]), np.array([1e-4])  # nothing has come yet
-    >>> steel.of_force(where, when, np.array([0.0, 0.0, 1.0]), lambda t: np.where(t > 0, 1.0, 0.0)).tolist()
-    [[0.0], [0.0], [0.0]]
-    """
+    """An unbounded elastic medium."""
 
     p_speed: float
     s_speed: float
     density: float
 
     def of_force(self, at: np.ndarray, times: np.ndarray, force: np.ndarray, signal: Signal) -> np.ndarray:
-        """Displacement due to a force at the origin (Aki and Richards, eq 4.23).
-
-        Parameters
-        ----------
-        at : ndarray, shape (3,)
-        times : ndarray, shape (n,)
-        force : ndarray, shape (3,)
-        signal : callable
-            Function of times of any shape, zero before zero.
-
-        Returns
-        -------
-        ndarray, shape (3, n)
+        """Displacement (3, n) at a place (3,) due to a force (3,) at the origin, with a signal that is zero before zero
+        (Aki and Richards, eq 4.23).
         """
         r, g, eye = float(np.linalg.norm(at)), at / np.linalg.norm(at), np.eye(3)
         along = np.outer(g, g)
@@ -76,21 +52,8 @@ class FullSpace:
     def of_moment(
         self, at: np.ndarray, times: np.ndarray, moment: np.ndarray, signal: Signal, scale: float
     ) -> np.ndarray:
-        """Displacement due to a symmetric moment tensor at the origin (Aki and Richards, eq 4.29).
-
-        Parameters
-        ----------
-        at : ndarray, shape (3,)
-        times : ndarray, shape (n,)
-        moment : ndarray, shape (3, 3)
-        signal : callable
-            Function of times of any shape, zero before zero.
-        scale : float
-            Time scale of the signal; its derivative is approximated by a difference over a small part of it.
-
-        Returns
-        -------
-        ndarray, shape (3, n)
+        """Displacement (3, n) at a place (3,) due to a symmetric moment tensor (3, 3) at the origin (Aki and Richards,
+        eq 4.29); the derivative of the signal is a difference over a small part of its time scale.
         """
         r, g = float(np.linalg.norm(at)), at / np.linalg.norm(at)
         pushed, trace = moment @ g, float(np.trace(moment))

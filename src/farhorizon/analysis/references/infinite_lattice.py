@@ -182,13 +182,6 @@ class DrivenLattice:
 
     Each Fourier mode of a periodic lattice is advanced separately, and the lattice is so large that nothing that wraps
     around reaches a receiver by the last step; an InputError if it does not fit into memory.
-
-    Examples
-    --------
-    >>> scheme = Scheme.of(Stencil.finite_difference(1), 1.0, Verlet(), 1.0)
-    >>> driven = DrivenLattice(scheme, 3, np.array([[0]]), np.array([[2]]))
-    >>> round(float(driven.field(np.array([[1.0], [0.0], [0.0]]))[3, 0]), 12)  # it travels a node a step
-    0.5
     """
 
     def __init__(self, scheme: Scheme, last: int, nodes: np.ndarray, receivers: np.ndarray) -> None:

@@ -280,14 +280,8 @@ class ProcessGroup:
         return self.summed(sums) if count else sums
 
     def joined(self, lattice: Lattice, field: np.ndarray) -> np.ndarray | None:
-        """Return a field on the whole lattice, joined from its parts, on the first process, and None on the others.
-
-        Parameters
-        ----------
-        lattice : Lattice
-            Part of this process.
-        field : ndarray
-            Its last axes are those of the lattice.
+        """Return a field (whose last axes are those of the lattice) on the whole lattice, joined on the first process;
+        None on the others.
         """
         parts: list[tuple[Any, np.ndarray]] | None = [(lattice.first, field)]
         if self._communicator is not None:

@@ -113,12 +113,7 @@ def _check_attenuation(setup: Setup, sides: Sides) -> None:
 
 
 def check_lossless(model: LatticeModel, key: str, remedy: str) -> None:
-    """Refuse what follows from the forces of a medium without attenuation.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what follows from the forces of a medium without attenuation."""
     if model.attenuation is not None:
         raise InputError("not available in a medium with attenuation", value=model.attenuation, key=key, remedy=remedy)
 

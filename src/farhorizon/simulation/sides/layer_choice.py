@@ -42,17 +42,7 @@ _PROGRAM = (
 
 
 class Chosen(NamedTuple):
-    """Layers that were chosen or assessed.
-
-    Attributes
-    ----------
-    sides : dict of (axis, side) to Side
-    thickness : dict of str to Thickness
-        By name of the side.
-    doubts : list of str
-        Warnings about layers that miss their targets.
-    notes : list of str
-    """
+    """Layers by side that were chosen or assessed, with their errors, warnings of missed targets, and notes."""
 
     sides: dict[Key, Side]
     thickness: dict[str, Thickness]
@@ -181,18 +171,7 @@ def _cropped(
 def choose_layers(run: Any, keys: list[Key], until: float) -> Chosen:
     """Choose the layers of some sides for a run of a given length, and for a usual one if that is longer and trials of
     it take no more than two seconds: runs are often continued. All sides have the same number of nodes, and the
-    smallest target of them counts.
-
-    Parameters
-    ----------
-    run : Simulation
-    keys : list of (axis, side)
-    until : float
-
-    Raises
-    ------
-    NotKept
-        No layer of up to 60 nodes keeps a target that is given.
+    smallest target of them counts; NotKept if no layer of up to 60 nodes keeps a target that is given.
     """
     runs, remark = _in_place_of(run)
     every = [_chosen(run, tried, keys, until) for tried in runs]

@@ -54,22 +54,9 @@ class Changeable(Examined, Protocol):
 
 @dataclass
 class SideSelection:
-    """Choice of sides by the length of the run.
-
-    Attributes
-    ----------
-    autos : dict of (axis, side) to Side
-        Sides that become layers or extended domains, whichever takes less time.
-    open_ended : list of (axis, side)
-        Sides that depend on the length of the run.
-    good_for : float
-        Length of the run for which the sides were last chosen.
-    thickness : dict of str to Thickness
-        Chosen layers and their errors, by name of the side.
-    doubts : list of str
-        Warnings about layers that miss their targets.
-    why : list of str
-        Reasons for the choice.
+    """Choice of sides by the length of the run: sides that become layers or extended domains, whichever takes less time
+    (`autos`), or depend on the length (`open_ended`), the length that they are `good_for`, and why, with layers, their
+    errors and warnings.
     """
 
     autos: dict[Key, Side]
@@ -81,12 +68,8 @@ class SideSelection:
 
     def select(self, run: Changeable, until: float) -> None:
         """Choose the sides for a run that has not begun and is to be longer than they were chosen for; see whether
-        those of a run that has begun are good for longer.
-
-        Raises
-        ------
-        InputError
-            No layer keeps a target; the extended domain does not fit into memory.
+        those of a run that has begun are good for longer. An InputError where no layer keeps a target, or the extended
+        domain does not fit into memory.
         """
         if not until > self.good_for * (1 + 1e-9):
             return

@@ -56,14 +56,7 @@ _SHORT = 1.5e-5
 
 
 class _Record(NamedTuple):
-    """Fields of a run at the times of comparison.
-
-    Attributes
-    ----------
-    fields : ndarray, shape (times, values)
-    sizes : ndarray, shape (times,)
-        What an error at each time is relative to.
-    """
+    """Fields (times, values) of a run at the times of comparison, and the size (times,) that an error is relative to."""
 
     fields: np.ndarray
     sizes: np.ndarray
@@ -76,22 +69,8 @@ def _allowed(seconds: float) -> float:
 
 @dataclass
 class TrialRuns:
-    """Runs of one set-up with candidate layers on some of its sides.
-
-    Attributes
-    ----------
-    run : Simulation
-        At its start, or later: trials begin at its start.
-    keys : list of (axis, side)
-        Sides of the candidates.
-    wanted : float
-        Target error.
-    until : float
-        Length of the run.
-    budget : float, optional
-        Seconds of a typical core that all trials may take, where it does not follow from this run.
-    longest : float, optional
-        Length of a trial within which all that a smaller near field shows has happened.
+    """Runs of one set-up, from its start, with candidate layers on the sides `keys` and a target error; `budget` is in
+    seconds of a typical core, and by `longest` all that a smaller near field shows has happened.
     """
 
     run: Any

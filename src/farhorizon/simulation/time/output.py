@@ -34,14 +34,8 @@ _FOLLOWS = ("v", "solid")  # follow from other fields, and are as large
 
 
 class RunResults:
-    """A run and the results file that it writes.
-
-    Attributes
-    ----------
-    writer : ResultsWriter or None
-        Writer of the file; on several processes only the first one has it.
-    own : ResultsWriter
-        Writer of the fields of this process: of its part, if there are several.
+    """A run and the results file that it writes, of which each process has a part (`own`) and the first one the whole
+    (`writer`).
     """
 
     def __init__(self, run: Any, path: Path, writer: ResultsWriter | None, part: ResultsWriter | None = None) -> None:
