@@ -12,6 +12,7 @@ PACKAGE = TESTS.parent / "src" / "farhorizon"
 
 #: Each room imports from those above it; a single module at the root is named like a room.
 ORDER = (
+    "rounding",  # margins in double precision
     "errors",
     "kinds",
     "arguments",  # what a parameter means: its unit, and how a case file gives it

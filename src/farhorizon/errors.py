@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 _LONGEST = 100  # characters of a value in a message
+_ALIKE = 0.6  # ratio of words from which one may be the other misspelt: that of difflib itself
 _FEW = 8  # entries of an array that are shown
 
 
@@ -135,7 +136,7 @@ def nearest(word: str, words: Iterable[str]) -> list[str]:
     >>> nearest("plane-wave", ["rayleigh-wave"]), nearest("reyleigh-wave", ["rayleigh-wave"])
     ([], ['rayleigh-wave'])
     """
-    return [match for match in difflib.get_close_matches(word, list(words), 3, 0.6) if _is_like(word, match)][:1]
+    return [match for match in difflib.get_close_matches(word, list(words), 3, _ALIKE) if _is_like(word, match)][:1]
 
 
 def _is_like(word: str, known: str) -> bool:
@@ -144,7 +145,7 @@ def _is_like(word: str, known: str) -> bool:
     left, right = (
         "-".join(part for part in parts if part not in others) for parts, others in ((first, second), (second, first))
     )
-    return not left or not right or difflib.SequenceMatcher(None, left, right).ratio() >= 0.6
+    return not left or not right or difflib.SequenceMatcher(None, left, right).ratio() >= _ALIKE
 
 
 def shown(value: Any) -> str:

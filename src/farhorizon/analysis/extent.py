@@ -21,6 +21,7 @@ from scipy import fft
 from farhorizon.analysis.references.infinite_lattice import undisturbed, wave_travel
 from farhorizon.medium.integrators import Integrator, ModifiedEquation
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import TINY
 
 _AIM = 0.3  # part of the target error: in a corner several edges reflect
 _TIMES = 16  # times of a run at which the field is evaluated
@@ -164,7 +165,7 @@ def _far(medium: Waves, datum: Datum, size: float, mirror: int, target: float) -
         field = weights * np.abs(fft.irfft(response[:, None] * spectra, length, axis=0))
         beyond = field[len(values) : len(values) + travel].sum(1)
         scale = size if medium.order == 2 else float(field[len(values) - inside : len(values)].max())
-        worst = np.maximum(worst, beyond / max(scale, 1e-300))
+        worst = np.maximum(worst, beyond / max(scale, TINY))
     return worst
 
 
@@ -201,6 +202,7 @@ def largest(medium: Waves, datum: Datum) -> float:
     angles = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n) for n in box), indexing="ij")
     reaction = medium.rate * medium.stencil.reaction
     long = float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) - medium.stencil.reaction
+    # divided by the square of the wavenumber, which is so small that the next term of the symbol is 1e-7 of it
     squared = long * 1e6 * medium.rate / stride**2
     eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles) + reaction
     weights = (

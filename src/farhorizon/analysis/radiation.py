@@ -192,7 +192,9 @@ def powers_sent(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.nd
     over the wave surfaces :math:`\lambda(k) = \Omega^2`, where F is the transform of the forces. This is an integral
     over directions of k, exact on the lattice, whether or not several waves of a type travel in one direction.
     """
-    rings = int(np.linalg.norm(np.ptp(nodes, axis=0)) * np.sqrt(squared)) + 12
+    rings = (
+        int(np.linalg.norm(np.ptp(nodes, axis=0)) * np.sqrt(squared)) + 12
+    )  # a node an angle of phase; then more until nothing changes
     before = _over_surfaces(scheme, squared, nodes, forces, rings)
     while scheme.stencil.dim > 1:
         rings += rings // 2

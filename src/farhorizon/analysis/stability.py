@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg
 
+from farhorizon.rounding import TINY
+
 #: Largest growth per crossing, (spectral radius - 1)/dt, of a map that counts as stable.
 TOLERANCE = 1e-10
 SHORT = 10  # crossing times of white noise that run before anything else
@@ -132,14 +134,14 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
         if growths and abs(factor) < 1 - _CLEAR:
             break
         right, left = _eigenvectors(matrix, factor)
-        error = 4 * np.finfo(float).eps * size / max(abs(np.vdot(left, right)), 1e-300)
+        error = 4 * np.finfo(float).eps * size / max(abs(np.vdot(left, right)), TINY)
         growths.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))
     return fastest(growths)
 
 
 def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.ndarray]:
     """Right and left eigenvectors of length 1 by inverse iteration; the left one solves ``y^H G = factor y^H``."""
-    shifted = matrix - (factor * (1 + 1e-14) + 1e-300) * np.eye(len(matrix))
+    shifted = matrix - (factor * (1 + 1e-14) + TINY) * np.eye(len(matrix))
     (factorised,) = linalg.get_lapack_funcs(("getrf",), (shifted,))
     lu, pivots, _ = factorised(shifted)
     # the factor is exact where the map drifts, as for a body without bonds; LAPACK's inverse iteration does the same
@@ -264,21 +266,21 @@ class _Noise:
         mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
         return Growth(
             float(rate),
-            0.0 if np.isinf(rate) else 0.1 * abs(float(rate)),
-            complex(np.exp(min(rate, 1e3) * dt)),
+            0.0 if np.isinf(rate) else 0.1 * abs(float(rate)),  # several modes may take part
+            complex(np.exp(min(rate, 1e3) * dt)),  # finite
             mode.astype(complex),
         )
 
     def rise(self) -> float:
         """Size of the state over its size at two thirds of the run."""
-        return self.sizes[-1] / max(self.sizes[-1 - (len(self.sizes) - 1) // 3], 1e-300)
+        return self.sizes[-1] / max(self.sizes[-1 - (len(self.sizes) - 1) // 3], TINY)
 
     def decay(self) -> Growth:
         """Growth or decay over the last third of the run."""
         count = len(self.sizes) - 1
         last = self.sizes[-1 - count // 3 :]
         span = (len(last) - 1) * self.update.crossing * self.update.dt
-        rate = float(np.log(max(last[-1], 1e-300) / max(last[0], 1e-300)) / span)
+        rate = float(np.log(max(last[-1], TINY) / max(last[0], TINY)) / span)
         hidden = 0.5 * np.log(len(self.state)) / (count * self.update.crossing * self.update.dt)
         return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.update.dt)), np.zeros(0), hidden)
 
@@ -289,7 +291,7 @@ def _arnoldi(update: LinearMap, start: np.ndarray, power: int, least: int) -> tu
     """
     subspace, dt = min(_VECTORS, update.size), update.dt
     length = float(np.linalg.norm(start))
-    if length < 1e-200:  # the noise has decayed completely
+    if length < 1e-200:  # its square is zero: the noise has decayed completely
         return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
     basis, projected = [start / length], np.zeros((subspace + 1, subspace))
     for k in range(subspace):
@@ -317,8 +319,8 @@ def _leading(projected: np.ndarray, remainder: float, basis: Sequence[np.ndarray
     """
     values, left, right = linalg.eig(projected, left=True, right=True)
     i = int(np.argmax(np.abs(values)))
-    size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]
-    condition = np.linalg.norm(x) * np.linalg.norm(y) / max(abs(np.vdot(y, x)), 1e-300)
+    size, x, y = max(float(np.abs(values[i])), TINY), right[:, i], left[:, i]
+    condition = np.linalg.norm(x) * np.linalg.norm(y) / max(abs(np.vdot(y, x)), TINY)
     residual = max(remainder * abs(x[-1]) / np.linalg.norm(x), 1e-15)
     error = np.log1p(min(10 * condition * residual / size, 1e300)) / (power * dt)
     return Growth(float(np.log(size) / (power * dt)), float(error), complex(size ** (1 / power)), np.array(basis).T @ x)

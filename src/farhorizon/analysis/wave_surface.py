@@ -9,14 +9,15 @@ import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import EQUAL, MARGIN, TINY
 
 #: Branches closer to each other than this part of their eigenvalue count as one, as S waves along an axis of symmetry
 #: do.
 _APART = 1e-5
 _RADII = 96  # wavenumbers at which branches are sampled along a ray
-_RAYS = {1: 2, 2: 180, 3: 600}
+_RAYS = {1: 2, 2: 180, 3: 600}  # by dimension: 2 and 8 degrees apart, near enough for Newton's method
 _NEWTON, _SETTLED, _STRIDE = 30, 1e-12, 0.3  # steps, relative change at which they end, and longest relative step
-_ONTO = 3
+_ONTO = 3  # steps from the mean of near branches to one of them: the error, at most `_NEARLY`, is squared thrice
 #: Near directions in which both S waves coincide, branches closer than this are replaced by their mean.
 _NEARLY = 0.1
 
@@ -102,7 +103,7 @@ def _set_apart(stencil: Stencil, vectors: np.ndarray, shapes: np.ndarray, rows: 
     """Take both S waves from one decomposition where they coincide; from two decompositions, their polarisations need
     not be orthogonal.
     """
-    (equal,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < 1e-9 * np.abs(vectors[1]).max(1))
+    (equal,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < MARGIN * np.abs(vectors[1]).max(1))
     for number in (1, 2) if equal.size else ():
         *_, shapes[number, equal], rows[number, equal] = _expansion(stencil, vectors[1, equal].astype(complex), number)
 
@@ -153,7 +154,7 @@ def carried_band(stencil: Stencil) -> tuple[float, float]:
     zone, values, slopes = stencil.zone_branches
     outward = sum((k[..., None] * slope for k, slope in zip(zone, slopes, strict=True)), np.zeros(()))
     moving = sum((k**2 for k in zone), np.zeros(()))[..., None] > 0
-    backward = np.broadcast_to(moving, values.shape) & (outward <= 1e-12 * values.max())
+    backward = np.broadcast_to(moving, values.shape) & (outward <= EQUAL * values.max())
     return stencil.reaction, float(values[backward].min())
 
 
@@ -231,7 +232,7 @@ def _branch(
         matrix[:, 0, :dim], matrix[:, 1:, :dim], matrix[:, 1:, dim] = gradient, second, -directions
         change = np.linalg.solve(matrix, residual[..., None])[..., 0]
         size, length = np.abs(change[:, :dim]).max(1), np.abs(angles).max(1)
-        change *= np.minimum(1.0, _STRIDE * length / np.maximum(size, 1e-300))[:, None]
+        change *= np.minimum(1.0, _STRIDE * length / np.maximum(size, TINY))[:, None]
         angles, slope = angles - change[:, :dim], slope - change[:, dim]
         value, gradient, second, *shapes = _expansion(stencil, angles, number, apart)
         settled = size < _SETTLED * length

@@ -12,6 +12,7 @@ from farhorizon.case.case import Case
 from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.checks.report import Report, seconds
 from farhorizon.machine import without_collection
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.recorders.quantities import fields_of
 from farhorizon.simulation.run import Run, modes_budget
 from farhorizon.simulation.time.output import RunResults
@@ -26,7 +27,7 @@ def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, 
     Files and pictures are timed by a trial: two outputs, a checkpoint and a picture, in a temporary folder. `start` is
     the time from the start of the command to the first step, without compilation.
     """
-    outputs = 1 + int(np.ceil(report.numbers["steps"] * run.dt / case.every(run.dt) - 1e-9))
+    outputs = 1 + int(np.ceil(report.numbers["steps"] * run.dt / case.every(run.dt) - MARGIN))
     certificate, steps = report.certificate, report.numbers["seconds"]
     examined = certificate is not None and certificate.verdict != UNDECIDED  # and cached: `run` reads it
     with TemporaryDirectory() as folder:

@@ -16,6 +16,7 @@ from farhorizon.inputs.signals import Signal
 from farhorizon.medium.integrators import ModifiedEquation, Verlet
 from farhorizon.medium.stencil import ORDERS, Stencil
 from farhorizon.pictures.style import frequency_text, length_text
+from farhorizon.rounding import MARGIN
 
 ALLOWED = 0.01  # part of a period by which waves may be late; it changes a trace by 2 pi as much, 6 %
 _FREQUENCIES = 257  # samples of a spectrum, which resolve delays of up to 128 of its shortest periods
@@ -211,4 +212,4 @@ def _longest_ways(sim: Examined) -> list[np.ndarray]:
 def _rounded_down(value: float) -> float:
     """The largest number of two digits that is not above a value."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(np.floor(value / unit * (1 + 1e-9)) * unit)
+    return float(np.floor(value / unit * (1 + MARGIN)) * unit)

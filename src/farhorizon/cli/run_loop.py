@@ -18,7 +18,7 @@ from farhorizon.cli.common import GOOD, INTERRUPTED
 if TYPE_CHECKING:
     from farhorizon.simulation.time.output import RunResults
 
-CHECKPOINT_SECONDS = 30.0
+CHECKPOINT_SECONDS = 30.0  # what a kill costs at most; writing the largest states takes a few of them
 _FREE = {"run", "output"}  # tables of a case that may change in an interrupted run
 _WRITTEN: dict[str, Any] = {"probes": [], "fields": None, "dtype": None}  # keys of the output that may not: defaults
 

@@ -13,6 +13,7 @@ from farhorizon.arguments import OneOf
 from farhorizon.errors import InputError
 from farhorizon.files.foreign import naming, reading
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
+from farhorizon.rounding import TINY
 
 _File = Annotated[Path, 'Path of a Gmsh mesh (MSH 4.1), relative to the case file, such as "part.msh".']
 _CORNERS = {"triangle": 3, "triangle6": 3, "tetra": 4, "tetra10": 4}  # the nodes in the middle of edges follow them
@@ -179,7 +180,7 @@ def _read(path: Path, group: str | None) -> tuple[Array, Array]:
     with naming(path):
         corners = _corners((points[:, :2], numbers))
         heights = kinds.array(points[numbers, 2], "elements")
-    if np.ptp(heights) > _FLAT * max(float(np.ptp(corners)), float(np.ptp(heights)), 1e-300):
+    if np.ptp(heights) > _FLAT * max(float(np.ptp(corners)), float(np.ptp(heights)), TINY):
         raise InputError(
             "triangles in 3D are a surface, and cover no volume",
             value=path.name,

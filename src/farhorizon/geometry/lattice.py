@@ -16,6 +16,7 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Box, Shape
 from farhorizon.geometry.voxels import Voxels
 from farhorizon.machine import available_memory
+from farhorizon.rounding import MARGIN
 
 AXES = ("x", "y", "z")
 _LARGE = 2.0**28  # bytes up to which the memory is not queried, which takes longer than filling a few nodes
@@ -116,8 +117,8 @@ class Lattice(Storable):
                     remedy="a window, and a shape as its body",
                 )
             low, high = window.bounds()
-            first = np.ceil(np.asarray(low) / spacing - 1e-9)
-            last = np.floor(np.asarray(high) / spacing + 1e-9)
+            first = np.ceil(np.asarray(low) / spacing - MARGIN)
+            last = np.floor(np.asarray(high) / spacing + MARGIN)
         elif lower is None or upper is None:
             raise InputError(
                 "a lattice needs lower and upper, or a window", key="lattice", remedy="give lower=(...), upper=(...)"
@@ -259,7 +260,7 @@ class Lattice(Storable):
             )
         steps = (upper - lower) / self.spacing
         counts = np.round(steps)
-        if np.any(np.abs(steps - counts) > 1e-9 * np.maximum(1.0, counts)):
+        if np.any(np.abs(steps - counts) > MARGIN * np.maximum(1.0, counts)):
             nearest = shown(lower + counts * self.spacing)
             raise InputError(
                 "upper - lower is not a whole number of spacings",
@@ -443,7 +444,7 @@ def _middles(nodes: Sequence[int] | np.ndarray | int, box: Box) -> tuple[float, 
     spacings = widths / counts
     longest = int(np.argmax(counts))
     spacing = float(spacings[longest])
-    if not np.isfinite(spacings).all() or np.abs(widths - counts * spacing).max() > 1e-9 * widths[longest]:
+    if not np.isfinite(spacings).all() or np.abs(widths - counts * spacing).max() > MARGIN * widths[longest]:
         fitting = np.maximum(1, np.round(widths / spacing))
         raise InputError(
             "the counts of nodes do not fit the box: its cells would not have equal sides",

@@ -14,6 +14,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import as_signal
+from farhorizon.rounding import MARGIN
 
 _VALUE = "Force per volume, one component per axis, each a function of the coordinates and t."
 
@@ -179,7 +180,7 @@ def force_density(
     place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
     loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
     across = [a for a in range(lattice.dim) if a != axis]
-    slack = 1e-9 * lattice.spacing  # rounding of coordinates
+    slack = MARGIN * lattice.spacing  # rounding of coordinates
     if load.between is not None and np.shape(load.between) != (len(across), 2):
         raise InputError(
             "a part of a side is given by two ends along each other axis",

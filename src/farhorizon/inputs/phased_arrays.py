@@ -17,6 +17,7 @@ from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, pa
 from farhorizon.inputs.signals import SMALL, Delayed, Signal
 from farhorizon.inputs.sources import Source, steady
 from farhorizon.machine import check_fits
+from farhorizon.rounding import MARGIN
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class PhasedArray(LocalSource):
         for name, range_ in limits.items():
             if (value := getattr(self, name)) is not None:
                 kinds.set_fields(self, **{name: kinds.number(value, f"source.{name}", **range_)})  # type: ignore[arg-type]
-        if self.width is not None and self.width > pitch * (1 + 1e-9):
+        if self.width is not None and self.width > pitch * (1 + MARGIN):
             raise InputError(
                 "the elements overlap",
                 value=self.width,

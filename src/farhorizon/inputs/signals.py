@@ -100,7 +100,7 @@ class Signal(Registered, Storable, ABC):
     @property
     def _peak(self) -> float:
         """Largest magnitude of the signal."""
-        return float(np.abs(self(np.linspace(0.0, self.end, 4096))).max())
+        return float(np.abs(self(np.linspace(0.0, self.end, 4096))).max())  # a lobe of the fastest signal has tens
 
     def _amplitudes(self, width: float, count: int) -> np.ndarray:
         """Magnitude of the spectrum in the middle of each of `count` bands of equal width, from 0 on."""
@@ -171,7 +171,7 @@ class Ricker(_Pulse):
 
     def __post_init__(self) -> None:
         kinds.set_fields(self, frequency=_number(self.frequency, self, "frequency", above=0))
-        self._set_delay(1.5 / self.frequency)
+        self._set_delay(1.5 / self.frequency)  # (1 - 2 a) exp(-a) is -1e-8 there, with a = (1.5 pi)^2
 
     @property
     def end(self) -> float:
@@ -221,7 +221,7 @@ class Gaussian(_Pulse):
 
     def __post_init__(self) -> None:
         kinds.set_fields(self, width=_number(self.width, self, "width", above=0))
-        self._set_delay(4.5 * self.width)
+        self._set_delay(4.5 * self.width)  # exp(-4.5^2) is 2e-9
 
     @property
     def end(self) -> float:

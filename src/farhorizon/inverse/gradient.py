@@ -154,7 +154,7 @@ def gradient(
 
 
 class Returning(NamedTuple):
-    """A run that has been made, and what drives its adjoint; `shift` is the step of the run plus that of its adjoint."""
+    """A run that has been made, and what drives its adjoint; `shift` is the sum of the steps of both."""
 
     setup: Setup
     residuals: Residuals

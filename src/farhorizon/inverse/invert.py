@@ -26,6 +26,7 @@ from farhorizon.inverse.medium import constants_at_nodes, rule_of
 from farhorizon.inverse.misfits import Arrays, DataMisfit, Misfit
 from farhorizon.inverse.smoothing import Smoothing, roughness
 from farhorizon.machine import progress as progress_line
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.simulation.time.outer_loop import checked_end
@@ -255,7 +256,8 @@ class _Problem:
             _check_step(replace(setup, dt=sim.dt), limits, start)
             checked_end(until, sim.dt)
             for misfit in misfits:
-                misfit.check(int(np.ceil(until / sim.dt - 1e-9)) // misfit.receivers.every + 1, sim.stencil.components)
+                steps = int(np.ceil(until / sim.dt - MARGIN))
+                misfit.check(steps // misfit.receivers.every + 1, sim.stencil.components)
             sim.prepare(until)
         settled = [(sim.settled, misfits) for sim, (_, misfits) in zip(sims, given, strict=True)]
         return cls(settled, asked.constants, until, limits, inside, start)

@@ -128,7 +128,7 @@ class States:
         offsets[:, 3 - dim :] = states.offsets
         alive = _alive(patch, setup, states.offsets, exists)
         uncut = _alive(patch, replace(setup, cracks=()), states.offsets, exists) if states.kept else alive
-        shapes = np.tensordot(uncut, states.shapes, ((0,), (0,))).round(14)
+        shapes = np.tensordot(uncut, states.shapes, ((0,), (0,))).round(14)  # equal but for rounding
         odd = ~alive.all(0)
         kinds, numbers = np.unique(shapes[odd].reshape(-1, dim * dim), axis=0, return_inverse=True)
         every = np.concatenate([np.eye(dim)[None], kinds.reshape(-1, dim, dim)])

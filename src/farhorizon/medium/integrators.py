@@ -13,6 +13,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.files.storable import Storable
+from farhorizon.rounding import MARGIN
 
 #: Largest |dt * eigenvalue| on the negative real axis for which Runge-Kutta 4 does not grow.
 RK4_REAL_LIMIT = 2.785293563405282
@@ -356,15 +357,15 @@ class RungeKuttaChebyshev(Storable):
     @classmethod
     def for_step(cls, dt: float, largest: float) -> RungeKuttaChebyshev:
         """The method with the fewest stages for which a step is stable, for the largest eigenvalue of -L."""
-        stages = max(2, int(np.sqrt(1.5 * dt * largest)))
-        while stages < 1000 and cls(stages).step_limit(largest) < dt * (1 + 1e-9):
+        stages = max(2, int(np.sqrt(1.5 * dt * largest)))  # undamped, dt largest = 2 (s^2 - 1) / 3 is stable
+        while stages < 1000 and cls(stages).step_limit(largest) < dt * (1 + MARGIN):
             stages += 1
         return cls(stages)
 
     def _shift(self) -> tuple[float, float, np.ndarray, np.ndarray]:
         """w0, w1 and T_j, T_j' at w0 for j = 0..s."""
         s = self.chebyshev
-        w0 = 1 + 2 / 13 / s**2
+        w0 = 1 + 2 / 13 / s**2  # the damping of Sommeijer, Shampine and Verwer
         values, slopes, bends = np.zeros((3, s + 1))
         values[:2], slopes[1] = (1, w0), 1
         for j in range(2, s + 1):

@@ -28,6 +28,7 @@ from farhorizon.studies.collection import Comparison, Outcome, Row, Setting
 PAPER = (
     "Ji, Pang, Zhang, Yang, Perdikaris (2021), Exact artificial boundary conditions of 1D semi-discretized peridynamics"
 )
+# published, as all numbers below unless they say more
 SPACING, WIDTH, HORIZON = 0.1, 0.25, 0.75
 STEPS = (0.001, 0.002, 0.0025, 0.004, 0.005)
 BEAM = np.array([4.0, -1.0])  # Euler-Bernoulli, eq 29

@@ -18,7 +18,7 @@ _NAME = 0.075  # inches that a letter of a legend takes
 _IN_COLUMN = 16  # curves in a column of a legend
 # Styles of the curves of panels: dashes are all different, since the colours cannot be told apart in grey.
 _DASHES: tuple[tuple[int, ...], ...] = ((), (3, 3), (8, 2, 1, 2, 1, 2), (6, 2), (6, 2, 1, 2), (1, 3), (1, 1))
-_THIN = [COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]
+_THIN = [COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]  # those first that differ most on a pale line
 
 Curve = tuple[str, np.ndarray, np.ndarray]  # name, x, y
 

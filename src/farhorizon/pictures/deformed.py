@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.pictures.panels import PLAIN, Axes, File, Grid, Look, Panel, add_title, cell_edges, heads_of
 from farhorizon.pictures.style import SEQUENTIAL, figure_at
+from farhorizon.rounding import MARGIN
 
 _TORN = 0.5  # of a spacing: neighbours whose drawn displacements differ by more share no corners
 _PART = 0.05  # largest drawn displacement over the extent of the near field, unless a factor is given
@@ -24,7 +25,7 @@ def chosen_factor(displacements: Sequence[np.ndarray], length: float) -> float:
         return 1.0
     most = _PART * length / top
     power = 10.0 ** np.floor(np.log10(most))
-    return float(max(digit for digit in (1, 2, 5) if digit * power <= most * (1 + 1e-9)) * power)
+    return float(max(digit for digit in (1, 2, 5) if digit * power <= most * (1 + MARGIN)) * power)
 
 
 def deformed_cells(moves: np.ndarray, axes: Axes) -> np.ndarray:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import InputError
+from farhorizon.rounding import MARGIN
 
 _TITLE = 9.5  # points
 _FILLED = 0.94  # of the width of a panel that a line of its title may fill: rendering makes letters wider
@@ -151,7 +152,7 @@ def number_text(value: float, scale: float) -> str:
     """Text of a coordinate with a proper minus sign; less than 1e-9 of the `scale` of coordinates is a rounding error
     of zero.
     """
-    return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
+    return f"{value if abs(value) > MARGIN * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def reach(field: np.ndarray) -> float:

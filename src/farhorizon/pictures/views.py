@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.pictures.panels import Plane
 from farhorizon.pictures.style import FORMATS
+from farhorizon.rounding import MARGIN
 
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
@@ -76,7 +77,7 @@ class View:
             return sorted({round(k) for k in np.linspace(0, outputs.size - 1, count).tolist()})
         nearest = [int(np.abs(outputs - time).argmin()) for time in self.times]
         for time, k in zip(self.times, nearest, strict=True):
-            if abs(outputs[k] - time) > 1e-9 * max(abs(time), abs(outputs[-1])):  # less is rounding
+            if abs(outputs[k] - time) > MARGIN * max(abs(time), abs(outputs[-1])):  # less is rounding
                 say(f"t = {time:g} is not stored; t = {outputs[k]:.6g}, the nearest, is drawn")
         return sorted(set(nearest))
 

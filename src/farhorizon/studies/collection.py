@@ -339,7 +339,7 @@ class Collection:
             return [entries[name]]
         chosen = [e for e in entries.values() if name in ("all", e.group) or name in e.other_names]
         if not chosen:
-            near = difflib.get_close_matches(name, self.names(), 1, 0.4)
+            near = difflib.get_close_matches(name, self.names(), 1, 0.4)  # names are long and share words
             raise InputError(
                 "there is no entry of this name",
                 value=name,

@@ -21,6 +21,7 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source, widened
 from farhorizon.machine import progress
+from farhorizon.rounding import TINY
 from farhorizon.simulation.setup.reference_medium import constants_of
 from farhorizon.simulation.setup.setup import Setup
 from farhorizon.simulation.simulation import Simulation
@@ -226,8 +227,8 @@ def _curve(result: Comparison, error: list[float], size: Sequence[float]) -> Cur
     return {
         "times": result.times,
         "error": error,
-        "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
-        "error_rel_initial": [e / max(result.initial, 1e-300) for e in error],
+        "error_rel_current": [e / max(s, TINY) for e, s in zip(error, size, strict=True)],
+        "error_rel_initial": [e / max(result.initial, TINY) for e in error],
         "error_max_over_run": max(error),
     }
 

@@ -21,6 +21,7 @@ from farhorizon.checks.facts import options_shown
 from farhorizon.checks.report import TunedFacts, content
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.rounding import MARGIN
 
 if TYPE_CHECKING:
     from farhorizon.simulation.simulation import Simulation
@@ -237,9 +238,8 @@ def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
     """
     lattice, dim = sim.lattice, sim.lattice.dim
     assert sim.closure is not None
-    depth = int(
-        np.ceil(boundary.depth(sim.closure.medium, lattice.spacing, sim.closure.fringe.extent) / lattice.spacing - 1e-9)
-    )
+    thickness = boundary.depth(sim.closure.medium, lattice.spacing, sim.closure.fringe.extent)
+    depth = int(np.ceil(thickness / lattice.spacing - MARGIN))
     wide = np.array([2 * (depth + max(sim.stencil.reach)) + 2] + [2 * max(depth, *sim.stencil.reach) + 1] * (dim - 1))
     box = Lattice(lattice.spacing, [0.0] * dim, (lattice.spacing * (wide - 1)).tolist())
     flat = sim.remade(lattice=box, boundary={"x": boundary} | {AXES[a]: Periodic() for a in range(1, dim)})

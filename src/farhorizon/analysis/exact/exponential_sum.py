@@ -18,8 +18,10 @@ from scipy import fft
 
 from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
+from farhorizon.rounding import EQUAL, TINY
 
 _NOISE = 1e-14  # eigenvalues of the Hankel matrix below this part of the largest are close to rounding
+_LAGS = 1024  # at a time: with a number for each of 64 modes, a megabyte
 _FIRST_RANK = 64  # number of eigenvectors that are computed first; all of them only where these are insufficient
 _PATIENCE = 8  # orders tried below it without halving the error
 
@@ -62,8 +64,8 @@ class ExponentialSum:
         multiplied by its weight: with these a run continues when its sum is replaced by one of more steps.
         """
         state = np.zeros(self.modes, complex)
-        for start in range(0, len(samples), 1024):
-            part = samples[start : start + 1024]
+        for start in range(0, len(samples), _LAGS):
+            part = samples[start : start + _LAGS]
             powers = _powers(self.poles, np.arange(len(part), 0, -1))
             state = powers[0] * state + (powers * (part @ self.inputs.T)).sum(0)
         return state
@@ -77,7 +79,7 @@ def _powers(poles: np.ndarray, lags: np.ndarray) -> np.ndarray:
 
 def _sums(poles: np.ndarray, count: int) -> np.ndarray:
     """``sum over a = 1 .. count of poles^a``, shape (P,)."""
-    rate = np.log(np.where(poles == 0, 1e-300, poles).astype(complex))
+    rate = np.log(np.where(poles == 0, TINY, poles).astype(complex))
     constant = np.abs(rate) < 1e-12
     rate = np.where(constant, -1.0, rate)
     with np.errstate(under="ignore"):
@@ -99,7 +101,7 @@ def _hankel_eigenvectors(samples: np.ndarray, rank: int) -> tuple[np.ndarray, np
     length = fft.next_fast_len(3 * n, real=True)
     spectrum = fft.rfft(samples[: 2 * n - 1], length, axis=0)
     rank = min(rank, n * reach)
-    basis = np.random.default_rng(1).standard_normal((n * reach, min(rank + 10, n * reach)))
+    basis = np.random.default_rng(1).standard_normal((n * reach, min(rank + 10, n * reach)))  # ten more, as there
 
     def times(x: np.ndarray) -> np.ndarray:
         return _hankel_times(spectrum, x.reshape(n, reach, -1), length).reshape(n * reach, -1)
@@ -121,6 +123,7 @@ def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: 
     root = np.sqrt(np.abs(values[:order]))
     shift = np.linalg.solve(np.eye(order) - last.T @ last, up.T @ down) * root / root[:, None]
     poles, modes = np.linalg.eig(shift)
+    # poles at 0 last one lag; of two conjugates, which rounding leaves apart by less than 1e-14, one is used
     used = (poles.imag >= -1e-14) & (np.abs(poles) > 1e-12)
     return poles[used], _unit(((vectors[:reach, :order] * root) @ modes[:, used]).T)
 
@@ -168,8 +171,8 @@ def force_error(kernel: np.ndarray, approximation: ExponentialSum, lags: np.ndar
     all_lags = np.arange(1, len(kernel)) if lags is None else lags
     weight = np.ones(all_lags.size) if lags is None else np.gradient(lags.astype(float))
     error, size = np.zeros((2, *kernel.shape[1:]))
-    for start in range(0, all_lags.size, 4096):
-        part = slice(start, start + 4096)
+    for start in range(0, all_lags.size, 4 * _LAGS):
+        part = slice(start, start + 4 * _LAGS)
         at = all_lags[part]
         error += np.tensordot(weight[part], np.abs(approximation.kernel(at) - kernel[at]), 1)
         size += np.tensordot(weight[part], np.abs(kernel[at]), 1)
@@ -189,7 +192,7 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
     if (
         kernel.ndim != 3
         or kernel.shape[1] != kernel.shape[2]
-        or np.abs(kernel - kernel.swapaxes(1, 2)).max() > 1e-12 * np.abs(kernel).max()
+        or np.abs(kernel - kernel.swapaxes(1, 2)).max() > EQUAL * np.abs(kernel).max()
     ):
         raise InputError(
             "only a symmetric force kernel can be compressed",
@@ -247,5 +250,6 @@ def _stride(steps: int, band: float) -> int:
     """Number of lags between two samples of the Hankel matrix: up to an eighth of a period of the fastest oscillation
     in long kernels.
     """
+    # 0.8 rad is an eighth of a period; from 40 samples, which determine the poles, to 20 000, a few seconds
     finest, coarsest = int(0.4 / band), int(0.8 / band)
     return max(1, min(max(finest, steps // 20_000), coarsest, steps // 40))

@@ -14,6 +14,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 
+from farhorizon.rounding import TINY
+
 _AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))  # in order
 _SHORT = 2.0  # horizons: shorter lines from a branch to an end are part of the width of a crack
 _SAMPLES = 8  # per spacing, along the direction ahead of a tip
@@ -178,7 +180,7 @@ def _centred(values: np.ndarray, line: np.ndarray, reach: int) -> np.ndarray:
     middle = (weight[..., None] * around).sum(1) / weight.sum(1)[:, None]
     along = np.gradient(line, axis=0) if len(line) > 1 else np.zeros_like(line)
     along = ndimage.uniform_filter1d(along, n, axis=0, mode="nearest")
-    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    along /= np.maximum(np.linalg.norm(along, axis=1), TINY)[:, None]
     shift = middle - line
     return np.asarray(line + shift - (shift * along).sum(1)[:, None] * along)
 

@@ -24,6 +24,7 @@ from farhorizon.analysis.fracture.near_tip import NearTip
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
+from farhorizon.rounding import MARGIN
 
 _NEAR = 3.4  # radius in spacings of the nodes to which parabolas are fitted; next to a face, three rows of them
 _FARTHEST = 6.0  # largest radius, where a crack hides some of them
@@ -123,6 +124,7 @@ class InteractionDomain:
         """Points between the circles, shape (Q, 2), and the area that each represents."""
         inner, outer = self.radii
         along = int(np.clip(np.ceil((outer - inner) / spacing) + 1, 4, _MOST_ALONG))
+        # angles vary no faster than cos(3 theta), which 24 points integrate to rounding
         around = int(np.clip(np.ceil(2 * np.pi * outer / spacing), 24, 8 * _MOST_ALONG))
         (s, ds), (t, dt) = (np.polynomial.legendre.leggauss(n) for n in (along, around))
         r, theta = (inner + outer) / 2 + (outer - inner) / 2 * s, np.pi * t
@@ -173,7 +175,7 @@ def parabolas(
         missing |= cut.cuts(where[:, None], nodes[numbers])
     distance = np.where(missing, np.inf, distance / spacing)
     enough = np.sort(distance, axis=1)[:, min(_ENOUGH, most - 1), None]
-    within = np.maximum(_NEAR, np.where(np.isfinite(enough), enough, _FARTHEST) * (1 + 1e-9))
+    within = np.maximum(_NEAR, np.where(np.isfinite(enough), enough, _FARTHEST) * (1 + MARGIN))
     weight = np.maximum(0.0, 1 - (np.where(missing, within, distance) / within) ** 2) ** 2
     x, y = np.moveaxis((nodes[numbers] - where[:, None]) / spacing, -1, 0)
     table = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
@@ -188,7 +190,7 @@ def _check_circles(
     """Refuse circles that leave the near field, or that cracks cross other than once behind the tip."""
     inner, outer = radii
     spacing = lattice.spacing
-    if not 2 * spacing <= inner * (1 + 1e-9) < outer - spacing:
+    if not 2 * spacing <= inner * (1 + MARGIN) < outer - spacing:
         raise InputError(
             "the circles around the tip are too close to it or to each other",
             value=[float(r) for r in radii],
@@ -197,7 +199,7 @@ def _check_circles(
             remedy="larger circles, a longer crack, or a finer lattice",
         )
     room = float(min((tip - lattice.lower).min(), (lattice.upper - tip).min()))
-    if outer > room + 1e-9 * spacing:
+    if outer > room + MARGIN * spacing:
         raise InputError(
             "the domain around the tip leaves the near field",
             value=float(outer),

@@ -18,6 +18,7 @@ from scipy.optimize import linear_sum_assignment
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import TINY
 
 ALIKE = 1e-6  # modes whose factors differ by less are polarisations of one wave
 _TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # types of waves, by components of the field
@@ -119,7 +120,7 @@ def _comes_to_the_side(
     ) / (2 * step)
     excess = np.abs(roots) - 1
     # a wave that grows in time is smaller the farther it has travelled: one that comes to the side decays towards it
-    return np.where(np.abs(excess) > _UNIT, excess, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
+    return np.where(np.abs(excess) > _UNIT, excess, (rise / np.where(slope == 0, TINY, slope)).real) < 0
 
 
 def types_of(components: int, dim: int) -> tuple[str, ...]:

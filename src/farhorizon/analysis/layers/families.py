@@ -41,6 +41,7 @@ from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import TINY
 
 # strength of the thin profiles: in boxes and guides of one to three dimensions it needs at most a node more than the
 # best of 2, 3, 4 and 5.5
@@ -159,7 +160,7 @@ def _needed(stencil: Stencil, filtered: HighPass) -> float:
     if not backward.any():
         return 0.0
     passed = sum(np.broadcast_to(filtered.passed(axis), worst.shape)[backward] for axis in zone)
-    return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+    return float((2 * worst[backward] / np.maximum(passed, TINY)).max())
 
 
 def short(nodes: int, stencil: Stencil, pace: float) -> Layer | None:

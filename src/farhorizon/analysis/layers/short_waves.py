@@ -25,6 +25,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import TINY
 
 _BACKWARD = 1e-6  # growth over sigma from which on a wave counts as a backward one
 # neighbours that a filter reads to either side along an axis: a base number, and more for each node of the stencil's
@@ -120,7 +121,7 @@ def high_pass(stencil: Stencil) -> HighPass | None:
 
     def rate_of(filtered: HighPass) -> float:
         passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
-        return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+        return float((2 * worst[backward] / np.maximum(passed, TINY)).max())
 
     filters = [HighPass(rise, count + 1 - rise, 1.0, first, lowest) for rise in range(1, count + 1)]
     rates = [rate_of(candidate) for candidate in filters]
@@ -153,5 +154,5 @@ def _standing(stencil: Stencil) -> np.ndarray:
     """
     (angle,), value, (slope,) = stencil.zone_branches
     sine = np.sin(angle)
-    pace = slope[:, 0] * sine / (2 * np.maximum(value[:, 0], 1e-300))
+    pace = slope[:, 0] * sine / (2 * np.maximum(value[:, 0], TINY))
     return np.where((pace < _PACE * sine**2) & (sine > _INNER), _SECOND * sine**2, 0.0)

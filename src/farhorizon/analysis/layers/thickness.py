@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.analysis.layers.families import Family
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
+from farhorizon.rounding import MARGIN, TINY
 
 MOST = 60  # largest number of nodes of a layer
 # part of the target that the difference of two candidates may reach: it was 0.5 to 1.5 times the error of the thinner
@@ -165,7 +166,7 @@ def _refined(families: list[Family], trials: Trials, aim: float, good: Found) ->
     low, error = 1, 1.0
     families = families[families.index(good.family) :]  # those before it failed with more nodes
     while good.nodes - low > max(1, good.nodes // _FEWER):
-        ahead = np.log(error / (aim / 2)) / np.log(max(error, 2 * aim) / max(min(good.error, aim / 2), 1e-300))
+        ahead = np.log(error / (aim / 2)) / np.log(max(error, 2 * aim) / max(min(good.error, aim / 2), TINY))
         # rather too thin, since trials of layers that miss end early
         nodes = int(np.clip(low + np.ceil((good.nodes - low) * min(ahead, 0.5)), low + 1, good.nodes - 1))
         found = _first_below(families, trials, aim, nodes, aim)
@@ -200,5 +201,5 @@ class NotKept(InputError):
 
 def _one_digit(value: float) -> float:
     """The value, rounded up to one digit."""
-    digit = 10.0 ** np.floor(np.log10(max(value, 1e-300)))
-    return float(np.ceil(value / digit - 1e-9) * digit)
+    digit = 10.0 ** np.floor(np.log10(max(value, TINY)))
+    return float(np.ceil(value / digit - MARGIN) * digit)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from farhorizon.errors import InputError
+from farhorizon.rounding import EQUAL
 
 _MOST_TERMS = 2_000_000  # of a series: some seconds
 _BLOCK = 1 << 20  # numbers in one table of eigenfunctions
@@ -47,7 +48,7 @@ class Slab:
             if not (np.isfinite(value) and value > 0):
                 raise InputError("must be finite and positive", value=value, limit="> 0", key=name)
         for low, high, _ in self.pieces:
-            if not 0 <= low < high <= self.length * (1 + 1e-12):
+            if not 0 <= low < high <= self.length * (1 + EQUAL):
                 raise InputError(
                     "a piece of the start must lie in the slab",
                     value=(low, high),
@@ -130,7 +131,7 @@ class Slab:
                 and 2 * (k * self.length) ** derivative * np.exp(-self.diffusivity * k**2 * t) / (1 - ratio) < error
             ):
                 return count
-            count = int(count * 1.2) + 1
+            count = int(count * 1.2) + 1  # a fifth too many terms cost no more than more searching
         raise InputError(
             "so early that the series is useless", value=t, key="t", remedy="half_space: no end has noticed the other"
         )
@@ -138,7 +139,7 @@ class Slab:
     def _beyond(self, x: np.ndarray, place: float) -> np.ndarray:
         """1 beyond a place, 0 before it, 1/2 at it (to rounding)."""
         gap = x - place
-        return np.heaviside(np.where(np.abs(gap) < 1e-12 * self.length, 0.0, gap), 0.5)
+        return np.heaviside(np.where(np.abs(gap) < EQUAL * self.length, 0.0, gap), 0.5)
 
     def _sum(self, x: np.ndarray, t: float, error: float, derivative: int) -> np.ndarray:
         if t <= 0:

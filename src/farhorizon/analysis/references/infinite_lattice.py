@@ -13,12 +13,13 @@ from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Integrator, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import TINY
 
 
 def largest_speed(stencil: Stencil) -> float:
     """Largest group speed of waves on the lattice in units of the long-wave speed, ``max |grad omega|``."""
     _, values, slopes = stencil.zone_branches
-    omega = np.sqrt(np.maximum(values, 1e-300))
+    omega = np.sqrt(np.maximum(values, TINY))
     squared = sum((slope / (2 * omega)) ** 2 for slope in slopes)
     return float(np.sqrt(np.max(np.where(omega > 1e-6, squared, 1.0))))
 
@@ -28,6 +29,7 @@ def wave_travel(stencil: Stencil, rate: float, steps: int, dt: float) -> float:
     of it, whose width grows as the cube root of its way.
     """
     front = largest_speed(stencil) * np.sqrt(rate) * steps * dt
+    # Ai is 1e-16 at 14.5 widths, each cbrt(front) / 2 for nearest neighbours; 20 reaches while the tail still forms
     return float(front + (20 * max(stencil.reach) + 10 * np.cbrt(front)))
 
 
@@ -35,6 +37,7 @@ def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
     """Nodes by which a domain must be larger on each open side so that nothing returns to the near field until the end
     of a run; `rate` is the largest ``coefficient / spacing^2``.
     """
+    # half the way there and back; in diffusion that is 12 sqrt(rate until), where exp(-36) = 2e-16 is left
     distance = 0.5 * until * np.sqrt(rate) * largest_speed(stencil) if order == 2 else 6 * np.sqrt(rate * until)
     distance += stencil.drift * rate * until
     return int(np.ceil(distance)) + 10 * max(stencil.reach) + int(5 * np.cbrt(distance))
@@ -169,6 +172,7 @@ class Scheme:
             distance = wave_travel(self.stencil, self.rate, steps, self.dt)
         else:
             spread = 0.5 * self.stencil.weights @ self.stencil.offsets.astype(float) ** 2
+            # exp(-13^2 / 4) is 4e-19; some reaches more, while the lattice is coarse for the field
             distance = 13 * np.sqrt(self.rate * self.recursion.scale * spread.max() * steps) + 12 * max(
                 self.stencil.reach
             )

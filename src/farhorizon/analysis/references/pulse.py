@@ -12,6 +12,7 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
+from farhorizon.rounding import MARGIN, TINY
 
 _SAMPLES = 1024  # wavenumbers at which a branch is sampled before its equation is solved
 _NEWTON = 8  # steps from an interpolated start, whose error each of them squares
@@ -39,7 +40,7 @@ def sampled(signal: Callable[[np.ndarray], np.ndarray], duration: float, dt: flo
             key="incident.duration",
             remedy="how long the signal itself lasts, in the unit of time of the run",
         )
-    steps = int(np.ceil(duration / dt - 1e-9)) + 1  # rounding must not add a step in some units
+    steps = int(np.ceil(duration / dt - MARGIN)) + 1  # rounding must not add a step in some units
     samples = signal(dt * np.arange(steps))
     if not np.isfinite(samples).all():
         raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
@@ -68,7 +69,7 @@ def significant(amplitudes: np.ndarray) -> np.ndarray:
 
 def steps_of(time: float, dt: float) -> int:
     """Number of steps in the period of a pulse that has passed at a given time."""
-    return int(np.ceil(time / dt - 1e-9)) + 2
+    return int(np.ceil(time / dt - MARGIN)) + 2
 
 
 def check_lost(lost: float, limit: float) -> None:
@@ -135,7 +136,7 @@ class PlanePulse:
         self.speed = float(speeds[0])
         if period is None:
             late = np.abs(self.amplitudes) > _LATE * np.abs(self.amplitudes).max()
-            passed = duration + distance / max(float(speeds[late].min()), 1e-300)
+            passed = duration + distance / max(float(speeds[late].min()), TINY)
             self._set_waves(samples, steps_of(passed, dt))
 
     def _set_waves(self, samples: np.ndarray, count: int) -> None:
@@ -193,12 +194,12 @@ class TravellingWaves:
 
         rows = np.zeros(places.size, int) if rows is None else rows
         used, row = np.unique(rows, return_inverse=True)
-        label = np.round(places / (1e-9 * self.spacing)).astype(np.int64)
+        label = np.round(places / (MARGIN * self.spacing)).astype(np.int64)
         pairs, first_of, index_of = np.unique(
             np.stack([label, row], -1), axis=0, return_index=True, return_inverse=True
         )
         line, at_rows = places[first_of], row[first_of]
-        step = 1 / (_GRID * max(np.abs(self.wavenumbers).max(initial=0), 1e-9 / self.spacing))
+        step = 1 / (_GRID * max(np.abs(self.wavenumbers).max(initial=0), MARGIN / self.spacing))
         low, high = line.min(initial=0), line.max(initial=0)
         count = int(np.ceil((high - low) / step)) + 1
         if (count + 2 * _POINTS) * used.size < len(pairs):

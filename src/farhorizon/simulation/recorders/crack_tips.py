@@ -10,6 +10,7 @@ from farhorizon import kinds
 from farhorizon.analysis.fracture.crack_paths import CrackPaths, find_cracks, followed, saturated_damage
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.setup import Setup
@@ -225,7 +226,7 @@ def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
     speeds = np.full(places.shape[:2], np.nan)
     for column in range(places.shape[1]):
         rows = np.flatnonzero(np.isfinite(places[:, column, 0]))
-        before = np.searchsorted(times[rows], times[rows] - window * (1 - 1e-9), side="right") - 1
+        before = np.searchsorted(times[rows], times[rows] - window * (1 - MARGIN), side="right") - 1
         now, earlier = rows[before >= 0], rows[before[before >= 0]]
         distances = np.linalg.norm(places[now, column] - places[earlier, column], axis=1)
         speeds[now, column] = distances / (times[now] - times[earlier])

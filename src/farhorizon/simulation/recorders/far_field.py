@@ -29,6 +29,7 @@ from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
 from farhorizon.medium.shell import Shell
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.far_field_checks import (
     LEFT,
@@ -477,7 +478,7 @@ class FarField(LinearRecorder):
         if len(self._incident) != 1 or not self._incident[0][0].plane:
             return []
         ((wave, region),), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
-        times = dt * np.arange(int(np.ceil(wave.duration / dt - 1e-9)) + 1)
+        times = dt * np.arange(int(np.ceil(wave.duration / dt - MARGIN)) + 1)
         spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ (dt * wave.at(np.asarray(times)))
         vector, place = wave.vector(self._scheme.stencil.components), wave.start(region) / spacing
         return [

@@ -26,6 +26,7 @@ _TIMES = 33  # times at which sources that do not split into space and time are 
 _LARGE = 2**28  # size of a history in bytes above which there is a note
 LEFT = 1e-3  # share of the largest field on the shell that remains at the end above which there is a note
 _FAST = 1e-6  # error by aliasing, over the largest sum, above which there is a note if it exceeds what remains
+_OFF_NODE = 1e-6  # spacings: coordinates that users write with seven digits are meant to be those of nodes
 _TINY = float(np.finfo(float).tiny)
 _ROUNDING = float(np.finfo(float).eps)
 
@@ -85,7 +86,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
                 remedy="a box with one entry per axis of the lattice in each corner",
             )
         lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
-        if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
+        if (lower < first - _OFF_NODE).any() or (upper > last + _OFF_NODE).any():
             raise InputError(
                 "the box of a far field must leave one reach of the near field on each side",
                 value=f"{shown(box.lower)} to {shown(box.upper)}",
@@ -93,7 +94,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
                 key="far_field.box",
                 remedy="a smaller box, or a larger near field",
             )
-        first, last = np.ceil(lower - 1e-6).astype(int), np.floor(upper + 1e-6).astype(int)
+        first, last = np.ceil(lower - _OFF_NODE).astype(int), np.floor(upper + _OFF_NODE).astype(int)
     if (last - first < 2 * margin).any():
         raise InputError(
             "the box of a far field is so small that nothing lies one reach inside its faces",
@@ -168,7 +169,7 @@ def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tup
             key="far_field.points",
             remedy="Receivers there, or a smaller box",
         )
-    apart = np.abs(place - nodes).max(1) > 1e-6
+    apart = np.abs(place - nodes).max(1) > _OFF_NODE
     places = lattice.lower + lattice.spacing * nodes
     return nodes, [
         f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
@@ -239,7 +240,7 @@ def _inner(lattice: Lattice, box: Box, margin: np.ndarray) -> np.ndarray:
 
 def _between(lattice: Lattice, box: Box, margin: np.ndarray) -> list[np.ndarray]:
     """Return the nodes along each axis that lie inside the box shrunk likewise, as masks."""
-    slack = 1e-6 * lattice.spacing
+    slack = _OFF_NODE * lattice.spacing
     bounds = zip(lattice.axes, box.lower + margin - slack, box.upper - margin + slack, strict=True)
     return [(axis > low) & (axis < high) for axis, low, high in bounds]
 
@@ -319,7 +320,7 @@ def _missed(parts: RunParts, sizes: np.ndarray, outside: np.ndarray, key: str) -
 def _check_incident(wave: Incident, box: Box, reach: np.ndarray) -> None:
     """Refuse a box that holds some, but not all, of the nodes at which an incident wave joins the scattered field."""
     assert wave.within is not None
-    slack, low, high = 1e-6 * reach, wave.within.lower, wave.within.upper
+    slack, low, high = _OFF_NODE * reach, wave.within.lower, wave.within.upper
     is_around_wave = (box.lower <= low - reach + slack) & (box.upper >= high + reach - slack)
     is_inside_wave = (box.lower >= low + 2 * reach - slack) & (box.upper <= high - 2 * reach + slack)
     if not (is_around_wave.all() or is_inside_wave.all()):

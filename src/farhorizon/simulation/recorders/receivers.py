@@ -23,6 +23,7 @@ from farhorizon.geometry.interpolation import (
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.machine import available_memory
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
 from farhorizon.simulation.recorders.quantities import QUANTITIES, LocalModuli, Reading
@@ -429,7 +430,7 @@ def _largest_stride(near: NearField) -> int:
     """
     if near.model.order == 1:
         return 1
-    return max(1, int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9)))
+    return max(1, int(0.5 / (near.highest_frequency * near.dt) * (1 + MARGIN)))
 
 
 def _moduli_at(parts: RunParts, points: np.ndarray) -> LocalModuli:
@@ -457,7 +458,7 @@ def as_frequencies(given: Any, key: str) -> np.ndarray:
 def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spectra.frequencies") -> None:
     """Raise InputError for frequencies that steps of this length cannot resolve, or that no wave on the lattice has."""
     highest, nyquist = float(frequencies.max(initial=0.0)), 0.5 / near.dt
-    if highest > nyquist * (1 + 1e-9):
+    if highest > nyquist * (1 + MARGIN):
         raise InputError(
             "the frequency is above Nyquist's: steps of this length cannot distinguish it from a lower one",
             value=highest,
@@ -465,7 +466,7 @@ def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spec
             key=key,
             remedy="cycles, not radians, per unit of time; or a smaller dt",
         )
-    if near.model.order == 2 and highest > near.highest_frequency * (1 + 1e-9):
+    if near.model.order == 2 and highest > near.highest_frequency * (1 + MARGIN):
         raise InputError(
             "no wave on the lattice has so high a frequency",
             value=highest,

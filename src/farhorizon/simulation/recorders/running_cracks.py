@@ -40,6 +40,7 @@ from farhorizon.medium import force_states
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Elastic
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.processes.process_group import ProcessGroup
 from farhorizon.simulation.recorders import resting_cracks
 from farhorizon.simulation.recorders.crack_tips import CrackTips
@@ -229,7 +230,7 @@ def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int, calibrat
             "a critical stretch is calibrated for a material with a kernel", value=model.title, key="model.kernel"
         )
     reach = model.kernel.horizon / spacing
-    if not _COARSEST * (1 - 1e-9) <= reach <= _FINEST[dim]:
+    if not _COARSEST * (1 - MARGIN) <= reach <= _FINEST[dim]:
         raise InputError(
             "what a crack dissipates is found on lattices fine enough to let it run, and no finer than can be computed "
             "in minutes",

@@ -13,6 +13,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Region, region_of, resolved_box
 from farhorizon.medium.integrators import Verlet
+from farhorizon.rounding import TINY
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import (
     Arrays,
@@ -160,7 +161,7 @@ def _check_rest(parts: RunParts, region: Region) -> list[str]:
     ]:
         sizes = np.abs(values).reshape(-1, *inside.shape).max(0)
         peak, peak_inside = largest(float(sizes.max())), largest(float(sizes[inside].max(initial=0)))
-        if peak_inside > _ROUNDING * max(peak, 1e-300):
+        if peak_inside > _ROUNDING * max(peak, TINY):
             raise InputError(
                 "does not begin at rest in the box whose shell is recorded: the waves of another run come into it"
                 if key != "source"

@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.analysis.extent import Datum, Extent, Waves, extent, largest
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.sides.layered_sides import LayeredSides, enlarged, memory_needed, too_large
@@ -38,7 +39,7 @@ class Emitters:
         not fit into memory.
         """
         near, model, lattice, stencil = self.near, self.near.model, self.near.lattice, self.near.fastest
-        steps = max(1, int(np.ceil(until / near.dt - 1e-9)))
+        steps = max(1, int(np.ceil(until / near.dt - MARGIN)))
         fastest = near.fastest_rate * (1 + (0.0 if near.coupling is None else near.coupling.stiffening))
         medium = Waves(stencil, fastest, model.integrator, near.dt, model.damping, steps)
         fixed = given or {}

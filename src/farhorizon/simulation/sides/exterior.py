@@ -14,6 +14,7 @@ from farhorizon.boundaries import Side
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
+from farhorizon.rounding import TINY
 
 _FAR_NODES = 1_000_000  # most nodes at which data that vanish in the near field are sought farther out
 _REACHES = 4  # depth in front of a side to which a material is examined
@@ -97,7 +98,7 @@ class Exterior:
             with np.errstate(all="ignore"):
                 beyond = np.abs(np.where(exists, values - level, 0.0))
             worst = float(beyond.max(initial=0))
-            share = worst / max(peak, worst, 1e-300) if np.isfinite(worst) else np.inf
+            share = worst / max(peak, worst, TINY) if np.isfinite(worst) else np.inf
             if not share <= target:
                 if worst > peak and missed != "value":
                     self._refuse_outside(function, key, level, missed)

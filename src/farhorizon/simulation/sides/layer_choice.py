@@ -20,6 +20,7 @@ from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Temperature
 from farhorizon.models import Diffusion
+from farhorizon.rounding import TINY
 from farhorizon.simulation.setup.digests import digest_of
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
@@ -94,7 +95,7 @@ def _smaller(trials: TrialRuns) -> TrialRuns | None:
     shape, busy = np.array(near.lattice.shape), np.zeros(near.lattice.shape, bool)
     for values in (run.start_u, run.start_v):
         size = near.size(np.abs(values))
-        busy |= size > _BESIDE * trials.wanted * max(float(size.max()), 1e-300)
+        busy |= size > _BESIDE * trials.wanted * max(float(size.max()), TINY)
     if not busy.any():
         return None
     held = [np.flatnonzero(np.moveaxis(busy, a, 0).reshape(n, -1).any(1)) for a, n in enumerate(shape)]
@@ -140,7 +141,7 @@ def _in_proportion(
         for a in open_axes:
             nearer[a] = np.minimum(room[a], np.maximum(least[a], np.ceil(part * room[a])).astype(int))
         sizes = np.array([places[-1] - places[0] + 1 for places in held]) + nearer.sum(1)
-        if not sizes.prod() < 0.7 * shape.prod():
+        if not sizes.prod() < 0.7 * shape.prod():  # what is saved would not pay for the run that is lost
             return small
         until = trials.until * (sizes.max() / shape.max()) ** (3 - near.model.order)
         small = _cropped(trials, held, nearer, until)
@@ -231,7 +232,7 @@ def _recalled(trials: TrialRuns) -> Found | None:
 
 def _remember(trials: TrialRuns, found: Found) -> None:
     """Keep what trials chose, if they took a while."""
-    if trials.spent > 0.1 * SECONDS:
+    if trials.spent > 0.1 * SECONDS:  # less is not noticed
         keep(_cache_file(trials), family=found.family.name, nodes=found.nodes, error=found.error, kept=found.kept)
 
 

@@ -18,6 +18,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Euler, RungeKuttaChebyshev
+from farhorizon.rounding import MARGIN
 from farhorizon.simulation.setup.serialization import rebuild
 from farhorizon.simulation.setup.setup import Key, Setup, side_name
 from farhorizon.simulation.sides.layer_choice import Chosen, assess_layers, choose_layers
@@ -71,7 +72,7 @@ class SideSelection:
         those of a run that has begun are good for longer. An InputError where no layer keeps a target, or the extended
         domain does not fit into memory.
         """
-        if not until > self.good_for * (1 + 1e-9):
+        if not until > self.good_for * (1 + MARGIN):
             return
         if run.step_count:
             self._prolong(run, until)
@@ -88,7 +89,7 @@ class SideSelection:
         """Choose the open-ended sides."""
         every: Mapping[Key, Any] = run.sides if run.subdomain is None else run.subdomain.sides
         keys = [key for key in self.open_ended if every[key].extended]
-        if keys and any(until > extent.until * (1 + 1e-9) for extent in run.extents.values()):
+        if keys and any(until > extent.until * (1 + MARGIN) for extent in run.extents.values()):
             run.take({key: replace(every[key], nodes=None, until=until) for key in keys})
         if keys := [key for key in self.open_ended if every[key].stretched]:
             self._take(run, by_first(run, lambda whole: choose_layers(whole, keys, until)))

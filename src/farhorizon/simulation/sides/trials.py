@@ -23,6 +23,7 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError, UnstableError, ValidityWarning
 from farhorizon.medium.integrators import Verlet
+from farhorizon.rounding import MARGIN, TINY
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, side_name
 from farhorizon.simulation.sides.layered_sides import spreads
@@ -56,7 +57,7 @@ _SHORT = 1.5e-5
 
 
 class _Record(NamedTuple):
-    """Fields (times, values) of a run at the times of comparison, and the size (times,) that an error is relative to."""
+    """Fields (times, values) of a run at the times of comparison, and the sizes (times,) to which errors relate."""
 
     fields: np.ndarray
     sizes: np.ndarray
@@ -128,7 +129,7 @@ class TrialRuns:
         first = 0 if near.continued.same_along(0, key[0]) else key[0]
         stencil = near.continued.along(first).beside(coefficient / near.model.coefficient)
         pace = float(np.sqrt(coefficient)) / spacing
-        slowest = pace * float(np.sqrt(near.weakest / max(near.strongest, 1e-300)))
+        slowest = pace * float(np.sqrt(near.weakest / max(near.strongest, TINY)))
         uniform = near.squared_speed is None and spreads(self.run.sides, key[0])
         late = None
         if self.until > CROSSINGS * near.crossing:
@@ -186,7 +187,7 @@ class TrialRuns:
         absorbing = [key for key, b in self.run.sides.items() if b.stretched or b.derivatives]
         if self.near.lattice.dim < 3 or set(absorbing) != set(self.keys):
             return False
-        return self.wanted >= _SHORT * self.until / self.near.crossing * (1 - 1e-9)  # also where both are equal
+        return self.wanted >= _SHORT * self.until / self.near.crossing * (1 - MARGIN)  # also where both are equal
 
     def near_layer(self, key: Key) -> Layer:
         """Return the layer that a side has now."""
@@ -199,6 +200,7 @@ class TrialRuns:
         """Numbers of the steps after which fields are compared. Diffusion slows down as it spreads."""
         last, near = max(1, last_step(self.tried, self.near.dt)), self.near
         if near.model.order == 1:
+            # from a time in which the field spreads a 55th as far, sqrt(1 / 3000), as by the end
             found = np.geomspace(max(1.0, last / 3000), last, _FEWEST_LOOKS * 2)
         else:
             looks = np.clip(_LOOKS * self.tried / near.crossing, _FEWEST_LOOKS, _MOST_LOOKS)
@@ -321,7 +323,7 @@ class TrialRuns:
         sizes = np.abs(record).max(1, initial=0.0)
         if self.near.model.order == 2:
             sizes[:] = max(sizes.max(), float(np.abs(self.run.start_u).max()))
-        return worst, _Record(record, np.maximum(sizes, 1e-300))
+        return worst, _Record(record, np.maximum(sizes, TINY))
 
     def _sampled(self, sim: Any) -> np.ndarray:
         """Return the field without its background; of a large field every few nodes along each axis."""
