@@ -19,23 +19,23 @@ from farhorizon.simulation.setup.setup import keys
 _NO_CONSTANTS = {"region", "of", "name"}  # keys of a material that are not constants
 
 
-def model_of(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
+def model_of(table: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
     """The model of the table [model] on a lattice, with the constants of the tables [[material]] in their regions,
     where later ones override earlier ones; InputError for a constant or an option that the model does not have, and a
     region without a material or without nodes.
     """
     read = Reader(lattice.dim)
-    if models := models_in(part):
-        inner = {name: _inner(name, table, materials, lattice) for name, table in models.items()}
-        return read.made(part, "model", **inner)
-    arguments = _in_regions(part, type(part).MAKER, materials, lattice)
-    if (name := getattr(part, "stencil", None)) is not None and part.kernel is None:
-        arguments["operator"] = _stencil(name, getattr(part, "order", None), lattice.dim)
-    elif getattr(part, "order", None) is not None:
-        raise _without_differences(part.order)
-    if getattr(part, "stages", None) is not None:
-        arguments["integrator"] = _integrator(part)
-    return read.made(part, "model", **arguments)
+    if models := models_in(table):
+        inner = {name: _inner(name, nested, materials, lattice) for name, nested in models.items()}
+        return read.made(table, "model", **inner)
+    arguments = _in_regions(table, type(table).MAKER, materials, lattice)
+    if (name := getattr(table, "stencil", None)) is not None and table.kernel is None:
+        arguments["operator"] = _stencil(name, getattr(table, "order", None), lattice.dim)
+    elif getattr(table, "order", None) is not None:
+        raise _without_differences(table.order)
+    if getattr(table, "stages", None) is not None:
+        arguments["integrator"] = _integrator(table)
+    return read.made(table, "model", **arguments)
 
 
 def _stencil(name: str, order: int | None, dim: int) -> fh.Stencil:
@@ -60,34 +60,34 @@ def _without_differences(order: int) -> InputError:
     )
 
 
-def _inner(name: str, part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
+def _inner(name: str, table: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
     """A model that is part of another one; only that of the displacements has materials."""
     try:
-        return model_of(part, materials if type(part).MAKER.mechanical else (), lattice)
+        return model_of(table, materials if type(table).MAKER.mechanical else (), lattice)
     except InputError as error:
         raise error.at(error.key.replace("model", f"model.{name}", 1)) from None
 
 
-def _in_regions(part: Any, model: Any, materials: Sequence[Any], lattice: fh.Lattice) -> dict[str, Any]:
+def _in_regions(table: Any, model: Any, materials: Sequence[Any], lattice: fh.Lattice) -> dict[str, Any]:
     """The constants of a class of models to which materials give other values in their regions."""
     _check(materials)
     last = {name: i for i, material in enumerate(materials) for name in material.model_fields_set - _NO_CONSTANTS}
     for name in sorted(last):
-        if getattr(part, name, None) is None:
-            constants = {key for key, value in part if value is not None} - _NO_CONSTANTS
+        if getattr(table, name, None) is None:
+            constants = {key for key, value in table if value is not None} - _NO_CONSTANTS
             raise InputError(
                 "a region has constants that the model has, too",
                 value=name,
                 limit=", ".join(sorted(constants & type(materials[0]).model_fields.keys())) or "none",
                 key=f"material[{last[name]}].{name}",
-                remedy=f"give [model] its {name}, of what is elsewhere" if name in part.ARGUMENTS else "leave it out",
+                remedy=f"give [model] its {name}, of what is elsewhere" if name in table.ARGUMENTS else "leave it out",
             )
-    return {name: _constant(model, name, getattr(part, name), materials, lattice) for name in sorted(last)}
+    return {name: _constant(model, name, getattr(table, name), materials, lattice) for name in sorted(last)}
 
 
-def named_materials(part: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Regions | None:
+def named_materials(table: Any, materials: Sequence[Any], lattice: fh.Lattice) -> Regions | None:
     """Nodes by material name, "" where a material has none; None if no material has a name."""
-    names = [_material_name(part)]
+    names = [_material_name(table)]
     numbers = np.zeros(lattice.shape, np.int32)
     for i, material in enumerate(materials):
         if name := _material_name(material):
@@ -101,28 +101,28 @@ def models_in(part: Any) -> dict[str, Any]:
     return {name: table for name, table in part if isinstance(table, Part) and is_model(type(table).MAKER)}
 
 
-def _material_name(part: Any) -> str:
+def _material_name(table: Any) -> str:
     """Name that a table gives its material; "" if none."""
-    for table in models_in(part).values():
-        return _material_name(table)
-    return getattr(part, "name", None) or getattr(part, "of", None) or ""
+    for nested in models_in(table).values():
+        return _material_name(nested)
+    return getattr(table, "name", None) or getattr(table, "of", None) or ""
 
 
-def _integrator(part: Any) -> fh.RungeKuttaChebyshev:
-    if part.integrator != "rkc":
+def _integrator(table: Any) -> fh.RungeKuttaChebyshev:
+    if table.integrator != "rkc":
         raise InputError(
-            "only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages"
+            "only Runge-Kutta-Chebyshev has stages to choose", value=table.integrator, limit="rkc", key="model.stages"
         )
-    return fh.RungeKuttaChebyshev(part.stages)
+    return fh.RungeKuttaChebyshev(table.stages)
 
 
 def _check(materials: Sequence[Any]) -> None:
-    for i, part in enumerate(materials):
-        if not part.model_fields_set - {"region", "name"}:
+    for i, table in enumerate(materials):
+        if not table.model_fields_set - {"region", "name"}:
             raise InputError(
                 "a region without a material",
                 key=f"material[{i}]",
-                limit=", ".join(sorted(set(type(part).model_fields) - {"region", "name"})),
+                limit=", ".join(sorted(set(type(table).model_fields) - {"region", "name"})),
                 remedy="give it constants, or leave it out",
             )
 
@@ -135,20 +135,20 @@ def _constant(
     elsewhere = read.constant(value, f"model.{name}")
     at = lattice.coordinates()
     values = np.array(np.broadcast_to(elsewhere(*at) if callable(elsewhere) else elsewhere, lattice.shape), float)
-    for i, part in enumerate(materials):
-        if getattr(part, name) is None:
+    for i, table in enumerate(materials):
+        if getattr(table, name) is None:
             continue
-        nodes = _inside(part, i, lattice)
+        nodes = _inside(table, i, lattice)
         if not nodes.any():
             raise InputError(
                 "the region has no node of the near field",
-                value=read.region(part.region, f"material[{i}].region"),
+                value=read.region(table.region, f"material[{i}].region"),
                 limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
                 key=f"material[{i}].region",
                 remedy="move it inside, enlarge it, or refine the lattice",
             )
         key = f"material[{i}].{name}"
-        inside = read.constant(getattr(part, name), key)
+        inside = read.constant(getattr(table, name), key)
         values[nodes] = inside(*(x[nodes] for x in at)) if callable(inside) else inside
         model.check_constant(name, values[nodes], key)
     return values
@@ -191,14 +191,14 @@ def setup_of(
         },
         boundary=_boundaries(parts, read, end, heated),
         sources=_sources(parts, read, heated),
-        specimens=[read.made(part, f"specimen[{i}]") for i, part in enumerate(parts.specimen)],
-        cracks=[read.made(part, key) for part, key in _numbered("crack", parts.crack)],
-        constraints=[read.made(part, f"constraint[{i}]") for i, part in enumerate(parts.constraint)],
+        specimens=[read.made(table, f"specimen[{i}]") for i, table in enumerate(parts.specimen)],
+        cracks=[read.made(table, key) for table, key in _numbered("crack", parts.crack)],
+        constraints=[read.made(table, f"constraint[{i}]") for i, table in enumerate(parts.constraint)],
         coefficient=_coefficient(parts.coefficient, lattice, read),
         rule=parts.rule,
         rim=parts.rim,
         background=parts.background,
-        loads=[read.made(part, f"load[{i}]") for i, part in enumerate(parts.load)],
+        loads=[read.made(table, f"load[{i}]") for i, table in enumerate(parts.load)],
         balance=parts.output.balance,
         dt=dt,
         dtype=parts.run.dtype,
@@ -210,14 +210,14 @@ def recorders_of(parts: Any, dim: int) -> list[Observer]:
     """New recorders of a validated case, each for a single run; what one refuses is an InputError with its key."""
     read, recorders = Reader(dim), []
     for recorder_class in Recorder.known.values():
-        table = key_of(recorder_class)
-        given = getattr(parts, table, None) or []
+        tables = key_of(recorder_class)
+        given = getattr(parts, tables, None) or []
         entries = given if isinstance(given, list) else [given]
-        for i, part in enumerate(entries):
-            key = f"{table}[{i}]" if entries is given else table
-            nameless = "name" in part.ARGUMENTS and "name" not in part.model_fields_set
-            name = {"name": f"{table}_{i}" if len(entries) > 1 else table} if nameless else {}
-            recorders.append(read.made(part, key, **name))
+        for i, table in enumerate(entries):
+            key = f"{tables}[{i}]" if entries is given else tables
+            nameless = "name" in table.ARGUMENTS and "name" not in table.model_fields_set
+            name = {"name": f"{tables}_{i}" if len(entries) > 1 else tables} if nameless else {}
+            recorders.append(read.made(table, key, **name))
     return recorders
 
 
@@ -228,7 +228,7 @@ def _check_fields(parts: Any, heated: bool) -> None:
         "boundary_T": bool(parts.boundary_T),
         "coefficient": isinstance(parts.coefficient, dict),
     }
-    given |= {f"{key}.field": _heats(part) for part, key in _numbered("source", parts.source)}
+    given |= {f"{key}.field": _heats(table) for table, key in _numbered("source", parts.source)}
     for key, is_given in given.items():
         if is_given and not heated:
             raise InputError(
@@ -257,29 +257,29 @@ def _boundary(given: dict[str, Any], key: str, read: Reader, end: float) -> dict
             raise InputError(
                 "unknown side", value=side, limit=", ".join(allowed), key=key, remedy=suggestion(side, allowed)
             )
-    return {side: read.made(part, f"{key}.{side}", **_until(part, end)) for side, part in given.items()}
+    return {side: read.made(table, f"{key}.{side}", **_until(table, end)) for side, table in given.items()}
 
 
-def _until(part: Any, end: float) -> dict[str, float]:
+def _until(table: Any, end: float) -> dict[str, float]:
     """The length of the run for a side that has the key and is not given one."""
-    return {"until": end} if "until" in part.ARGUMENTS and "until" not in part.model_fields_set else {}
+    return {"until": end} if "until" in table.ARGUMENTS and "until" not in table.model_fields_set else {}
 
 
 def _sources(parts: Any, read: Reader, heated: bool) -> Any:
     """Sources and incident waves; for two fields, by field."""
     sources: dict[str, list[Any]] = {"u": [], "T": []}
-    for part, key in _numbered("source", parts.source):
-        heats = _heats(part)
-        source = (Reader(read.dim) if heats else read).made(part, key)
+    for table, key in _numbered("source", parts.source):
+        heats = _heats(table)
+        source = (Reader(read.dim) if heats else read).made(table, key)
         plain = isinstance(source, fh.Source) and source.time is None
         sources["T" if heats else "u"].append(source.value if plain else source)
-    sources["u"] += [read.made(part, key) for part, key in _numbered("incident", parts.incident)]
+    sources["u"] += [read.made(table, key) for table, key in _numbered("incident", parts.incident)]
     return sources if heated else sources["u"]
 
 
-def _heats(part: Part) -> bool:
+def _heats(table: Part) -> bool:
     """Whether a source drives the temperature."""
-    return getattr(part, "field", "u") == "T"
+    return getattr(table, "field", "u") == "T"
 
 
 def _numbered(table: str, parts: list[Any]) -> list[tuple[Any, str]]:

@@ -98,7 +98,7 @@ class InversionFile:
             with self.naming():
                 given["region"] = Reader(self.cases[0].lattice.dim).region(part.region, "inversion.region")
         if "frequencies" in given:
-            given["frequencies"] = [None if one is False else one for one in given["frequencies"]]
+            given["frequencies"] = [None if limit is False else limit for limit in given["frequencies"]]
         return given
 
     def run(self, **others: Any) -> fh.Inversion:
@@ -167,7 +167,8 @@ class InversionFile:
 
     def _receivers(self, case: Case, shot: Any, key: str) -> fh.Receivers:
         """The receivers of a shot."""
-        given = {one.name: one for one in recorders_of(case.parts, case.lattice.dim) if isinstance(one, fh.Receivers)}
+        recorders = recorders_of(case.parts, case.lattice.dim)
+        given = {recorder.name: recorder for recorder in recorders if isinstance(recorder, fh.Receivers)}
         names = ", ".join(given)
         if not given:
             raise InputError(
@@ -232,25 +233,25 @@ def _data(path: Path, line: fh.Receivers, dt: float, key: str) -> dict[str, np.n
             key=key,
             remedy="the results of a case with these receivers",
         )
-    found = recorded[line.name]
-    data = {name: found.data[name] for name in RECORDS if name in found.data and name in line.record}
+    records = recorded[line.name]
+    data = {name: records.data[name] for name in RECORDS if name in records.data and name in line.record}
     if not data:
         raise InputError(
             "the results file has no records of u or v",
-            value=", ".join(found.data),
+            value=", ".join(records.data),
             limit=", ".join(RECORDS),
             key=key,
             remedy='record = ["u"] in [[receivers]]',
         )
-    if found.points.shape != line.points.shape or not np.allclose(found.points, line.points):
+    if records.points.shape != line.points.shape or not np.allclose(records.points, line.points):
         raise InputError(
             "the data were recorded at other points than those of the case's receivers",
-            value=f"{len(found.points)} points",
+            value=f"{len(records.points)} points",
             limit=f"the {len(line.points)} points of {line.name}",
             key=key,
             remedy="the same [[receivers]] in both cases",
         )
-    between = float(np.diff(found.times).mean()) if len(found.times) > 1 else dt * line.every
+    between = float(np.diff(records.times).mean()) if len(records.times) > 1 else dt * line.every
     if abs(between / (dt * line.every) - 1) > 1e-6:  # times in files carry rounding errors
         raise InputError(
             "the data were recorded at other times than those of the run",

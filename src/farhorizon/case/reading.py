@@ -20,36 +20,36 @@ class Reader(NamedTuple):
     dim: int
     vector: bool = False
 
-    def made(self, part: Part, key: str, **others: Any) -> Any:
+    def made(self, table: Part, key: str, **others: Any) -> Any:
         """The object that a table describes, given also by `others`; an InputError names the key."""
-        if type(part).MAKER is Shape:
-            return self.region(part, key)
+        if type(table).MAKER is Shape:
+            return self.region(table, key)
         given: dict[str, Any] = {}
         names: dict[str, str] = {}  # keys by argument
-        for argument_name, argument in part.ARGUMENTS.items():
+        for argument_name, argument in table.ARGUMENTS.items():
             given |= argument.default
-            used = None if argument_name in others else _used(part, argument, key)
+            used = None if argument_name in others else _used(table, argument, key)
             if used is not None:
-                values = [self._value(getattr(part, name), used.function, f"{key}.{name}") for name in used.keys]
+                values = [self._value(getattr(table, name), used.function, f"{key}.{name}") for name in used.keys]
                 given[argument_name] = values[0] if used.makes is None else used.makes(*values)
                 names[argument_name] = used.keys[0]
         try:
-            return type(part).MAKER(**given | others)
+            return type(table).MAKER(**given | others)
         except InputError as error:
             last = error.key.rpartition(".")[2]
             if last in names:
                 raise error.at(f"{key}.{names[last]}") from None
             raise error.at(key if key.endswith(f".{last}") else under(key, error.key)) from None
 
-    def region(self, part: Part, key: str) -> Shape:
+    def region(self, table: Part, key: str) -> Shape:
         """The shape that the table of a region describes."""
-        shapes = {name: table for name, table in part if name != "without" and table is not None}
+        shapes = {name: nested for name, nested in table if name != "without" and nested is not None}
         if len(shapes) != 1:
-            names = ", ".join(name for name in type(part).model_fields if name != "without")
+            names = ", ".join(name for name in type(table).model_fields if name != "without")
             raise InputError(f"give exactly one of {names}", key=key)
         [(name, shape)] = shapes.items()
         region = self.made(shape, f"{key}.{name}")
-        for hole in getattr(part, "without"):  # noqa: B009 (the class is made from the shapes that there are)
+        for hole in getattr(table, "without"):  # noqa: B009 (the class is made from the shapes that there are)
             region = region - self.region(hole, f"{key}.without")
         return region
 
@@ -73,7 +73,7 @@ class Reader(NamedTuple):
             if not self.vector or len(value) != self.dim:
                 limit = f"a list of {self.dim}" if self.vector else "one"
                 raise InputError("not as many entries as the field has components", value=value, limit=limit, key=key)
-            return [self.entry(part, f"{key}[{i}]", time) for i, part in enumerate(value)]
+            return [self.entry(table, f"{key}[{i}]", time) for i, table in enumerate(value)]
         return self.entry(value, key, time)
 
     def entry(self, value: str | float, key: str, time: bool = True) -> Any:
@@ -93,16 +93,16 @@ class Reader(NamedTuple):
         return self.made(value, key) if isinstance(value, Part) else as_signal(value, key)
 
 
-def _used(part: Part, argument: Argument, key: str) -> Option | None:
+def _used(table: Part, argument: Argument, key: str) -> Option | None:
     """The option by which a table gives an argument, None if it leaves the argument to its default; InputError for
     several options, or for none where one is needed.
     """
-    given = [option for option in argument.options if part.model_fields_set & {*option.keys}]
-    complete = [option for option in given if part.model_fields_set >= {*option.keys}]
+    given = [option for option in argument.options if table.model_fields_set & {*option.keys}]
+    complete = [option for option in given if table.model_fields_set >= {*option.keys}]
     if (given == complete and len(given) == 1) or not (given or argument.needed):
         return given[0] if given else None
     names = [option.name for option in argument.options]
-    several = ", ".join(key for option in given for key in option.keys if key in part.model_fields_set)
+    several = ", ".join(key for option in given for key in option.keys if key in table.model_fields_set)
     raise InputError(
         f"give either {' or '.join(names)}" if len(names) == 2 else f"give exactly one of {', '.join(names)}",
         value=several or "none",

@@ -157,16 +157,16 @@ class Arrival:
         """The delay, what reduces it, and what it does to a trace."""
         late = abs(self.cycles)
         when = "late" if self.cycles > 0 else "early"
-        found = f"after a way of {length_text(float(np.linalg.norm(self.way)))} {self.origin}, of "
-        found += f"{frequency_text(self.frequency)}, arrives {100 * late:.2g} % of a period "
-        found += f"({360 * late:.2g} degrees) {when}"
+        text = f"after a way of {length_text(float(np.linalg.norm(self.way)))} {self.origin}, of "
+        text += f"{frequency_text(self.frequency)}, arrives {100 * late:.2g} % of a period "
+        text += f"({360 * late:.2g} degrees) {when}"
         if self.error is not None:
-            found += f", and traces are wrong by about {100 * self.error:.2g} % of their largest value"
+            text += f", and traces are wrong by about {100 * self.error:.2g} % of their largest value"
         if self.remedies:
-            found += f"; {' or '.join(self.remedies)} leaves less than {100 * ALLOWED:g} % of a period"
-            found += "" if self.error is None else f" and {100 * VISIBLE:g} % of a trace"
-            found += "" if self.sim.stencil.accuracy else ", with as many spacings per horizon"
-        return found
+            text += f"; {' or '.join(self.remedies)} leaves less than {100 * ALLOWED:g} % of a period"
+            text += "" if self.error is None else f" and {100 * VISIBLE:g} % of a trace"
+            text += "" if self.sim.stencil.accuracy else ", with as many spacings per horizon"
+        return text
 
     def on_finer(self, factor: float) -> str:
         """What remains of the error of a trace on a lattice whose spacing is smaller by a factor."""
@@ -198,7 +198,7 @@ def _longest_ways(sim: Examined) -> list[np.ndarray]:
     tops = [np.unravel_index(int(size.argmax()), size.shape) for size in sizes if size.any()]
     starts = [low + sim.lattice.spacing * np.array(node) for node in tops] or list(corners)
     points = [getattr(recorder, "points", None) for recorder in sim.recorders]
-    given = [np.asarray(one, float).reshape(-1, len(low)) for one in points if one is not None]
+    given = [np.asarray(places, float).reshape(-1, len(low)) for places in points if places is not None]
     ways = []
     for start in starts:
         sides = np.array([np.where(np.eye(len(low), dtype=bool), side, start) for side in (low, high)])

@@ -31,15 +31,15 @@ def invert_command(options: argparse.Namespace) -> int:
         try:
             # a progress line on terminals shows the misfit; elsewhere each iteration has a line
             say = None if sys.stderr.isatty() else _say
-            found = asked.run(output=path, callback=say, progress=False if options.quiet else None)
+            inversion = asked.run(output=path, callback=say, progress=False if options.quiet else None)
         except KeyboardInterrupt:
             print(f"\ninterrupted; the same command continues {path}", file=options.errors)
             return INTERRUPTED
-        pictures = _draw(asked, found, made_folder(str(path.with_suffix(""))))
-    first = next(step.misfit for step in found.history if step.stage == found.history[-1].stage)
-    print(found.message)
+        pictures = _draw(asked, inversion, made_folder(str(path.with_suffix(""))))
+    first = next(step.misfit for step in inversion.history if step.stage == inversion.history[-1].stage)
+    print(inversion.message)
     print(
-        f"{asked.name}: misfit {first:.4g} -> {found.misfit:.4g} in {_iterations(found)} iterations; "
+        f"{asked.name}: misfit {first:.4g} -> {inversion.misfit:.4g} in {_iterations(inversion)} iterations; "
         f"results: {path}; pictures: {', '.join(map(str, pictures))}",
         file=options.output,
     )
@@ -47,18 +47,18 @@ def invert_command(options: argparse.Namespace) -> int:
         "name": asked.name,
         "results": str(path),
         "pictures": [str(picture) for picture in pictures],
-        "message": found.message,
-        "history": [step._asdict() for step in found.history],  # type: ignore[misc]
-        "least": {name: float(values.min()) for name, values in found.maps.items()},
-        "largest": {name: float(values.max()) for name, values in found.maps.items()},
+        "message": inversion.message,
+        "history": [step._asdict() for step in inversion.history],  # type: ignore[misc]
+        "least": {name: float(values.min()) for name, values in inversion.maps.items()},
+        "largest": {name: float(values.max()) for name, values in inversion.maps.items()},
     }
     write_json(options.json, figures)
     return GOOD
 
 
-def _iterations(found: Any) -> int:
+def _iterations(inversion: Any) -> int:
     """Number of iterations in all stages, the first step of each of which is its start."""
-    return len(found.history) - len({step.stage for step in found.history})
+    return len(inversion.history) - len({step.stage for step in inversion.history})
 
 
 def _say(so_far: Any) -> None:
@@ -66,7 +66,7 @@ def _say(so_far: Any) -> None:
     print(f"iteration {step.iteration}: misfit {step.misfit:.4g}", flush=True)
 
 
-def _draw(asked: Any, found: Any, folder: Path) -> list[Path]:
+def _draw(asked: Any, inversion: Any, folder: Path) -> list[Path]:
     """Draw the maps, their changes, the misfits, and the records of the first shot; returns the paths."""
     import numpy as np
 
@@ -75,19 +75,19 @@ def _draw(asked: Any, found: Any, folder: Path) -> list[Path]:
     from farhorizon.pictures.style import counted_in, with_unit
 
     case, (_, misfit) = asked.cases[0], asked.shots[0]
-    lattice, start, pictures = case.lattice, found.models[0], []
+    lattice, start, pictures = case.lattice, inversion.models[0], []
     line, exists = misfit.receivers, np.ones(lattice.shape, bool) if lattice.existing is None else lattice.existing
     places = {
         "sources": _places([setup for setup, _ in asked.shots], lattice.dim),
         "receivers": np.unique(np.concatenate([one.receivers.points for _, one in asked.shots]), axis=0),
     }
     with counted_in(case.unit_names):
-        for name, values in found.maps.items():
+        for name, values in inversion.maps.items():
             label = with_unit(name, name)
             ends = [float(values[exists].min()), float(values[exists].max())]
             limits = (ends[0], ends[1]) if ends[0] < ends[1] else None
             for kind, shown, scale in [(name, values, limits), (f"{name}_change", values - start[name], None)]:
-                title = f"after {_iterations(found)} iterations" if kind == name else "change from the start"
+                title = f"after {_iterations(inversion)} iterations" if kind == name else "change from the start"
                 path = folder / f"{kind}.png"
                 panel = Panel(title, np.where(exists, shown, np.nan))
                 map_picture(panel, lattice.axes, places, path, Look(label, limits=scale))
@@ -96,9 +96,9 @@ def _draw(asked: Any, found: Any, folder: Path) -> list[Path]:
         unit = case.unit_names.get("frequency", "")
         names = ["all frequencies" if one is None else f"frequencies below {one:g} {unit}".strip() for one in stages]
         pictures.append(folder / "misfit.png")
-        misfit_picture(found.history, names, pictures[-1])
+        misfit_picture(inversion.history, names, pictures[-1])
         for name, data in misfit.data.items():
-            records, label = found.records[0][0][name], name
+            records, label = inversion.records[0][0][name], name
             if data.ndim == 3:  # the component that moves most
                 component = int(np.abs(data).max((0, 1)).argmax())
                 data, records, label = data[..., component], records[..., component], f"{name}_{'xyz'[component]}"

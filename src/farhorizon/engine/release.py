@@ -166,10 +166,10 @@ def weigh_row(u, part, medium, bond, node, n, lines):
             weight, row, diagonal = np.float64(last[bond * columns * rows + b]), a * columns + b, 1.0 * (a == b)
             near, far = law.values[row * size + node :], law.values[row * size + neighbour :]
             for i in range(n):
-                own = lines[_SHEAR, i] * (g_b * eta[i] + g_a * across[i]) - lines[_PULL, i] * g_b * eta[i]
-                own += diagonal * lines[_LAME, i] * trace[i]  # the bond's own part of the stress
+                own_stress = lines[_SHEAR, i] * (g_b * eta[i] + g_a * across[i]) - lines[_PULL, i] * g_b * eta[i]
+                own_stress += diagonal * lines[_LAME, i] * trace[i]  # the bond's own part of the stress
                 stress = lines[_WEIGHT, i] * np.float64(near[i]) + lines[_NEIGHBOUR_WEIGHT, i] * np.float64(far[i])
-                energy[i] += weight * eta[i] * (stress - own / 2)
+                energy[i] += weight * eta[i] * (stress - own_stress / 2)
             pull = np.float64(pulls[(bond * columns + a) * columns + b]) / 2 if pulls.size else 0.0
             if pull != 0 and material.coefficient.size == 1:
                 for i in range(n):

@@ -468,17 +468,17 @@ class _Face:
     indices in the whole lattice.
     """
 
-    def __init__(self, name: str, part: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
+    def __init__(self, name: str, subdomain: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
         self.axis, self.side = AXES.index(name[0]), 1 if name[1] == "+" else -1
         self.name, self.key = f"side {name}", key
-        self.part, self.lattice = part, part.whole
-        if self.axis >= part.dim:
+        self.part, self.lattice = subdomain, subdomain.whole
+        if self.axis >= subdomain.dim:
             raise InputError(
-                "the lattice has no such side", value=name, limit=", ".join(AXES[: part.dim]), key=f"{key}.where"
+                "the lattice has no such side", value=name, limit=", ".join(AXES[: subdomain.dim]), key=f"{key}.where"
             )
-        if within is not None and within.dim != part.dim:
+        if within is not None and within.dim != subdomain.dim:
             raise InputError(
-                "shape and lattice differ in dimension", value=within.dim, limit=part.dim, key=f"{key}.within"
+                "shape and lattice differ in dimension", value=within.dim, limit=subdomain.dim, key=f"{key}.within"
             )
         self.count = self.lattice.shape[self.axis]
         first, thickness = (depths.ravel() for depths in self._depths())
@@ -505,15 +505,15 @@ class _Face:
         there on without a gap, itself included, 0 where there is none; the body is examined in pieces, each as thick as
         the part.
         """
-        part, axis = self.part, self.axis
-        across = tuple(n for a, n in enumerate(part.shape) if a != axis)
+        subdomain, axis = self.part, self.axis
+        across = tuple(n for a, n in enumerate(subdomain.shape) if a != axis)
         nearest, thickness = np.zeros(across, int), np.zeros(across, int)
-        if part.body is None:
+        if subdomain.body is None:
             return nearest, thickness + self.count
         goes_on = np.ones(across, bool)  # the end behind the first node has not been reached
-        step = part.shape[axis]
+        step = subdomain.shape[axis]
         for start in range(0, self.count, step):
-            ends = [(first, first + n) for first, n in zip(part.first, part.shape, strict=True)]
+            ends = [(first, first + n) for first, n in zip(subdomain.first, subdomain.shape, strict=True)]
             last = min(start + step, self.count)
             ends[axis] = (start, last) if self.side < 0 else (self.count - last, self.count - start)
             mask = self.lattice.part(ends).existing
@@ -735,17 +735,17 @@ class _RegionSurface:
     _CHUNK = 1000  # bonds whose normals are found at a time
 
     def __init__(
-        self, region: Shape, part: Lattice, within: Shape | None, key: str, gather: Gather, stencil: Stencil
+        self, region: Shape, subdomain: Lattice, within: Shape | None, key: str, gather: Gather, stencil: Stencil
     ) -> None:
         for shape, name in ((region, "region"), (within, "within")):
-            if shape is not None and shape.dim != part.dim:
+            if shape is not None and shape.dim != subdomain.dim:
                 raise InputError(
-                    "shape and lattice differ in dimension", value=shape.dim, limit=part.dim, key=f"{key}.{name}"
+                    "shape and lattice differ in dimension", value=shape.dim, limit=subdomain.dim, key=f"{key}.{name}"
                 )
-        self.name, self.key, self.part, self._region = "the surface of the region", key, part, region
+        self.name, self.key, self.part, self._region = "the surface of the region", key, subdomain, region
         self._nodes, self._at, self.first, self._depth = self._bonds(stencil)
         if within is not None:
-            kept = within.contains(np.stack([g.ravel()[self._nodes] for g in part.coordinates()], axis=-1))
+            kept = within.contains(np.stack([g.ravel()[self._nodes] for g in subdomain.coordinates()], axis=-1))
             self._nodes, self._at, self.first, self._depth = (
                 values[kept] for values in (self._nodes, self._at, self.first, self._depth)
             )
@@ -760,26 +760,26 @@ class _RegionSurface:
 
     def _bonds(self, stencil: Stencil) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes, crossings, areas in those of a face of a cell, and distances from the surface, of all bonds."""
-        part, reach = self.part, stencil.reach
-        wide, part_in_wide = part.around(reach)
+        subdomain, reach = self.part, stencil.reach
+        wide, part_in_wide = subdomain.around(reach)
         exists = np.ones(wide.shape, bool) if wide.mask is None else wide.mask
         beyond = [
             (m - ends.start, ends.stop + m - n) for m, ends, n in zip(reach, part_in_wide, wide.shape, strict=True)
         ]
         missing = np.pad(~exists, beyond)  # the sides of the lattice are no surface
-        middle = tuple(slice(m, m + n) for m, n in zip(reach, part.shape, strict=True))
+        middle = tuple(slice(m, m + n) for m, n in zip(reach, subdomain.shape, strict=True))
         moment = 0.5 * (stencil.weights[:, None] * stencil.offsets**2).sum(0).mean()
-        near = np.zeros(part.shape, bool)
+        near = np.zeros(subdomain.shape, bool)
         for offset in stencil.offsets:
             near |= missing[tuple(slice(ends.start + k, ends.stop + k) for ends, k in zip(middle, offset, strict=True))]
         nodes = np.flatnonzero(near & ~missing[middle])
-        at = np.stack([g.ravel()[nodes] for g in part.coordinates()], axis=-1)
-        places = np.stack(np.unravel_index(nodes, part.shape), axis=-1) + np.array(reach)
+        at = np.stack([g.ravel()[nodes] for g in subdomain.coordinates()], axis=-1)
+        places = np.stack(np.unravel_index(nodes, subdomain.shape), axis=-1) + np.array(reach)
         here, crossing = self._region.contains(at)[:, None], []
         for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
             count = self._SAMPLES * int(np.abs(offset).max())
             steps = np.arange(1, count + 1)[:, None] * offset / count
-            across = self._region.contains(at[:, None] + part.spacing * steps) != here
+            across = self._region.contains(at[:, None] + subdomain.spacing * steps) != here
             bare = missing[tuple(np.moveaxis(places[:, None] + np.rint(steps).astype(int), -1, 0))]
             which = np.flatnonzero((across & bare).any(1))
             high = (across[which].argmax(1) + 1.0) / count
@@ -787,12 +787,12 @@ class _RegionSurface:
             for _ in range(self._HALVINGS):
                 half = (low + high) / 2
                 before_surface = (
-                    self._region.contains(at[which] + part.spacing * half[:, None] * offset) == here[which, 0]
+                    self._region.contains(at[which] + subdomain.spacing * half[:, None] * offset) == here[which, 0]
                 )
                 low, high = np.where(before_surface, half, low), np.where(before_surface, high, half)
-            points = at[which] + part.spacing * high[:, None] * offset
+            points = at[which] + subdomain.spacing * high[:, None] * offset
             along = np.abs(self._normals(points) @ offset)
-            crossing.append((nodes[which], points, weight / moment * along, part.spacing * high * along))
+            crossing.append((nodes[which], points, weight / moment * along, subdomain.spacing * high * along))
         return tuple(np.concatenate(values) for values in zip(*crossing, strict=True))  # type: ignore[return-value]
 
     def _normals(self, at: np.ndarray) -> np.ndarray:

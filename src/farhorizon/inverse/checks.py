@@ -46,20 +46,20 @@ class Asked:
 
     def spaces(self, sim: Simulation) -> dict[str, list[np.ndarray]]:
         """Return, for each of the sources, its parts as functions of space, each of the field's shape."""
-        found = {}
+        fields = {}
         parts = given(sim.setup, sim.parts.near, sim.parts.layered.sides)
         for name in self.sources:
             source_terms = split_source_terms(
                 [one for one in parts if one[0] == name], sim.parts.near, sim.parts.exterior
             )
-            found[name] = [np.asarray(space) for space, _ in source_terms.sources if space is not None]
+            fields[name] = [np.asarray(space) for space, _ in source_terms.sources if space is not None]
             if source_terms.unsplit:
                 raise InputError(
                     "the source is not a function of space times one of time",
                     key=name,
                     remedy="Source(space, time), or a PointSource",
                 )
-        return found
+        return fields
 
 
 class SourceSlopes(NamedTuple):
@@ -145,11 +145,13 @@ def check_linear(setup: Setup, asked: Asked) -> None:
             key=next(iter(setup.impactors)),
             remedy="a load with the force that Impacts records",
         )
-    for key, one in zip(keys("constraint", setup.constraints), setup.constraints, strict=True):
-        if not isinstance(one, Prescribed) or one.until is not None:
+    for key, constraint in zip(keys("constraint", setup.constraints), setup.constraints, strict=True):
+        if not isinstance(constraint, Prescribed) or constraint.until is not None:
             raise InputError(
                 "there is no adjoint of this condition",
-                value=type(one).__name__ if not isinstance(one, Prescribed) else f"until = {one.until:g}",
+                value=type(constraint).__name__
+                if not isinstance(constraint, Prescribed)
+                else f"until = {constraint.until:g}",
                 limit="Prescribed nodes that are never released",
                 key=key,
                 remedy="Fixed sides, or Prescribed without until",
@@ -234,16 +236,16 @@ def _check_model(setup: Setup) -> None:
 
 def default_region(sim: Simulation) -> np.ndarray:
     """Return the nodes whose medium no side continues, as a mask of the lattice's shape."""
-    found = np.ones(sim.lattice.shape, bool)
+    inside = np.ones(sim.lattice.shape, bool)
     if sim.lattice.mask is not None:
-        found &= sim.lattice.mask
+        inside &= sim.lattice.mask
     for (axis, side), boundary in sim.sides.items():
         if not boundary.endless:
             continue
         edge = sim.stencil.reach[axis] + 1
         near = slice(None, edge) if side < 0 else slice(-edge, None)
-        found[tuple(near if a == axis else slice(None) for a in range(found.ndim))] = False
-    return found
+        inside[tuple(near if a == axis else slice(None) for a in range(inside.ndim))] = False
+    return inside
 
 
 def check_region(region: Any, sim: Simulation, asked: Asked) -> np.ndarray:
@@ -306,10 +308,10 @@ def check_misfits(misfits: Sequence[Misfit], steps: int, components: int) -> Non
         raise InputError(
             "there is no misfit", value=0, limit=">= 1", key="misfit", remedy="LeastSquares(receivers, data)"
         )
-    for i, one in enumerate(misfits):
+    for i, misfit in enumerate(misfits):
         key = f"misfit[{i}]" if len(misfits) > 1 else "misfit"
         try:
-            one.check(steps // one.receivers.every + 1, components)
+            misfit.check(steps // misfit.receivers.every + 1, components)
         except InputError as error:
             raise error.at(error.key.replace("misfit", key, 1)) from None
 

@@ -94,11 +94,11 @@ def correlate_bonds(u, row, w, shape, offsets, arms, rule, factor, begins, exist
                 weight = arms[k, 0, 0] if components == 1 else 1.0
                 for x in range(max(0, -offsets[k, 2]), min(n2, n2 - offsets[k, 2])):
                     mine, other = here + x, there + x
-                    found = -weight * sums[k, x] * begins[mine] * exists[other]
+                    slope = -weight * sums[k, x] * begins[mine] * exists[other]
                     if lost.shape[0]:
-                        found *= 1 - lost[k, mine]
-                    total[mine] += found * _slope(rule, factor[mine], factor[other])
-                    total[other] += found * _slope(rule, factor[other], factor[mine])
+                        slope *= 1 - lost[k, mine]
+                    total[mine] += slope * _slope(rule, factor[mine], factor[other])
+                    total[other] += slope * _slope(rule, factor[other], factor[mine])
 
 
 @njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
@@ -136,10 +136,10 @@ def correlate_states(u, row, w, shape, offsets, gradient, alive, laws, law_of, t
                 mine[:] = 0
                 other[:] = 0
                 for k in range(bonds):
-                    there = here + (offsets[k, 0] * n1 + offsets[k, 1]) * n2 + offsets[k, 2]
+                    neighbour = here + (offsets[k, 0] * n1 + offsets[k, 1]) * n2 + offsets[k, 2]
                     for c in range(components):
-                        ui, uj = u[row - step, c, here:], u[row - step, c, there:]
-                        wi, wj = w[step, c, here:], w[step, c, there:]
+                        ui, uj = u[row - step, c, here:], u[row - step, c, neighbour:]
+                        wi, wj = w[step, c, here:], w[step, c, neighbour:]
                         for a in range(states):
                             size = gradient[k, a, c]
                             if size != 0 and alive.shape[0]:

@@ -37,13 +37,13 @@ def digest_of(
     data: Iterable[np.ndarray],
 ) -> str:
     """Return a text that is the same for the same problem only: the same medium, data and settings."""
-    found = hashlib.sha256(repr((sorted(bounds.items()), until, settings)).encode())
+    digest = hashlib.sha256(repr((sorted(bounds.items()), until, settings)).encode())
     for name in sorted(start):
-        found.update(name.encode())
-        found.update(np.ascontiguousarray(start[name]).tobytes())
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(start[name]).tobytes())
     for values in (region, *data):
-        found.update(np.ascontiguousarray(values).tobytes())
-    return found.hexdigest()
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def write_inversion(path: Path, stored: Stored) -> None:

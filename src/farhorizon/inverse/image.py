@@ -94,10 +94,10 @@ def image(
             )
     light: Any = 0.0
     for setup, misfits in given:
-        found = gradient(
+        shot = gradient(
             setup, misfits, "density", until, region=region, memory=memory, precision=precision, illumination=True
         )
-        total, light = total + found["density"], light + found.illumination
+        total, light = total + shot["density"], light + shot.illumination
     inside = np.asarray(light) > 0
     if not inside.any():
         return np.asarray(total)

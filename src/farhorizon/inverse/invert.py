@@ -202,9 +202,9 @@ def invert(
     given = kinds.sequence(frequencies, "frequencies", "frequencies")
     if not given:
         raise InputError("there is no stage", value=given, limit=">= 1", key="frequencies", remedy="[None] for all")
-    stages = [one if one is None else kinds.number(one, "frequencies", above=0) for one in given]
-    for one, (_, misfits) in itertools.product(stages, asked.shots):
-        _ = [misfit if one is None else misfit.below(one) for misfit in misfits]
+    stages = [limit if limit is None else kinds.number(limit, "frequencies", above=0) for limit in given]
+    for limit, (_, misfits) in itertools.product(stages, asked.shots):
+        _ = [misfit if limit is None else misfit.below(limit) for misfit in misfits]
     path = None if output is None else kinds.path(output, "output")
     if path is not None:
         directory_of(path)
@@ -271,16 +271,16 @@ class _Problem:
 
     def with_maps(self, maps: Arrays, frequency: float | None = None) -> list[tuple[Setup, list[Misfit]]]:
         """Return the shots in a medium with other maps."""
-        found = []
+        shots = []
         for setup, misfits in self.shots:
             medium = replace(setup, model=setup.model.with_constants(maps), rule=rule_of(setup))
-            found.append((medium, misfits if frequency is None else [one.below(frequency) for one in misfits]))
-        return found
+            shots.append((medium, misfits if frequency is None else [one.below(frequency) for one in misfits]))
+        return shots
 
 
-def _alike(one: Arrays, other: Arrays) -> bool:
+def _alike(first: Arrays, other: Arrays) -> bool:
     """Whether two media have the same constants at the same nodes."""
-    return one.keys() == other.keys() and all(np.array_equal(values, other[name]) for name, values in one.items())
+    return first.keys() == other.keys() and all(np.array_equal(values, other[name]) for name, values in first.items())
 
 
 def _bounds(name: str, given: Any, start: np.ndarray, setup: Setup) -> tuple[float, float]:
@@ -385,14 +385,14 @@ class _Solver:
 
     def maps(self, change: np.ndarray) -> Arrays:
         """Return the maps of the unknowns."""
-        found, problem = {}, self.problem
+        maps, problem = {}, self.problem
         for name, part in zip(problem.names, np.split(change, len(problem.names)), strict=True):
             given = np.zeros(problem.region.shape)
             given[problem.region] = part
             moved = problem.start[name] + self.middle[name] * self.means.mean(given)
             # rounding may leave the bounds, and so may means beside a start that is rough
-            found[name] = np.where(problem.region, np.clip(moved, *problem.bounds[name]), problem.start[name])
-        return found
+            maps[name] = np.where(problem.region, np.clip(moved, *problem.bounds[name]), problem.start[name])
+        return maps
 
     def slope(self, derivatives: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the derivative by the unknowns, from that by the maps."""
@@ -423,11 +423,11 @@ class _Solver:
         options = {"wrt": problem.names, "until": problem.until, "region": problem.region, **self.options}
         total, seen, records = 0.0, np.zeros(problem.region.shape), []
         slopes = {name: np.zeros(problem.region.shape) for name in problem.names}
-        for found in evaluate(problem.with_maps(maps, self._frequency), {**options, "illumination": light}):
-            total += found.misfit
-            seen += 0.0 if found.illumination is None else found.illumination
-            slopes = {name: slopes[name] + found[name] for name in problem.names}
-            records.append(found.records)
+        for shot in evaluate(problem.with_maps(maps, self._frequency), {**options, "illumination": light}):
+            total += shot.misfit
+            seen += 0.0 if shot.illumination is None else shot.illumination
+            slopes = {name: slopes[name] + shot[name] for name in problem.names}
+            records.append(shot.records)
         self.records = records
         self._last = [*([] if light else self._last[-2:]), (change.copy(), total)]
         if light:
@@ -464,7 +464,7 @@ class _Solver:
         digest = digest_of(problem.start, problem.bounds, problem.region, problem.until, settings, problem.data)
         stored = None if path is None else read_inversion(path, digest)
         if stored is not None:
-            self.history, self.models = [Step(*one) for one in stored.history], stored.models
+            self.history, self.models = [Step(*step) for step in stored.history], stored.models
             self.change = stored.change
 
         def keep(stage: int) -> None:
@@ -475,8 +475,8 @@ class _Solver:
         message = "nothing was left to do"
         with progress_line(len(stages) * iterations, "iteration", show) as bar:
             for stage, frequency in enumerate(stages):
-                done = sum(one.stage == stage for one in self.history) - 1
-                if done >= iterations or any(one.stage > stage for one in self.history):
+                done = sum(step.stage == stage for step in self.history) - 1
+                if done >= iterations or any(step.stage > stage for step in self.history):
                     continue
                 self._frequency = frequency
                 message = self._stage(stage, iterations - max(done, 0), tolerance, evaluate, done < 0, keep, bar)
@@ -498,8 +498,8 @@ class _Solver:
         scale = self._scale
 
         def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
-            found, slope = self.misfit(x * scale, evaluate)
-            return found, slope * scale
+            minimum, slope = self.misfit(x * scale, evaluate)
+            return minimum, slope * scale
 
         def kept(x: np.ndarray) -> None:
             self.change = x * scale
@@ -507,7 +507,7 @@ class _Solver:
             bar.set_postfix_str(f"misfit {self.history[-1].misfit:.4g}")
             bar.update(1)
 
-        found = minimize(
+        minimum = minimize(
             objective,
             self.change / scale,
             jac=True,
@@ -516,8 +516,8 @@ class _Solver:
             callback=kept,
             options={"maxiter": iterations, "ftol": tolerance, "gtol": 0.0},
         )
-        self.change = found.x * scale
-        return f"{found.message}; the objective fell from {value:.4g} to {found.fun:.4g} in the last stage"
+        self.change = minimum.x * scale
+        return f"{minimum.message}; the objective fell from {value:.4g} to {minimum.fun:.4g} in the last stage"
 
     def _keep(self, stage: int, path: Path | None, digest: str) -> None:
         """Keep an accepted step, in memory and in the file."""

@@ -92,7 +92,7 @@ class Medium:
         near, patch, unit = self.near, self.patch, 1 / self.near.model.source_factor
         of_bonds, of_inertia = (unit * patch.onto(values) for values in (self._of_bonds, self._of_inertia))
         of_bonds *= 1.0 if near.coefficient is None else near.coefficient
-        found = {}
+        derivatives = {}
         for name, slope in self._slopes.items():
             total = np.zeros(near.lattice.shape)
             if slope.of_bonds is not None:
@@ -101,8 +101,8 @@ class Medium:
                 total += unit * (patch.onto(self._states.total) * slope.moduli).sum(0)
             if slope.density is not None:
                 total += of_inertia * slope.density
-            found[name] = np.where(self.region, total, 0.0)
-        return found
+            derivatives[name] = np.where(self.region, total, 0.0)
+        return derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,27 +148,29 @@ class States:
 
 def _alive(patch: Patch, setup: Setup, offsets: np.ndarray, exists: np.ndarray) -> np.ndarray:
     """Return 1 for each bond of the places of a patch that is there, 0 for others, shape (K, places)."""
-    there = exists.reshape(patch.shape)
+    body = exists.reshape(patch.shape)
     reach = np.abs(offsets).max(0)
     # what lies beyond the patch is read by no node that counts
-    wide = np.pad(there, [(m, m) for m in reach], constant_values=1.0)
-    found = np.empty((len(offsets), patch.places))
-    for row, offset in zip(found, offsets, strict=True):
+    wide = np.pad(body, [(m, m) for m in reach], constant_values=1.0)
+    present = np.empty((len(offsets), patch.places))
+    for row, offset in zip(present, offsets, strict=True):
         other = wide[tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, patch.shape, strict=True))]
-        row[:] = (there * other).ravel()
+        row[:] = (body * other).ravel()
     lost = patch.lost(setup, offsets)
-    return found * (lost == 0) if lost.size else found
+    return present * (lost == 0) if lost.size else present
 
 
 def constants_at_nodes(setup: Setup) -> dict[str, np.ndarray]:
     """Return all constants that affect the waves of a model at the nodes of its lattice."""
     model, shape = setup.model, setup.lattice.shape
-    found = {name: np.full(shape, value) for name, value in model.wave_constants.items() if isinstance(value, float)}
-    found |= {name: values for name, values in constants_of(setup).items() if name in model.wave_constants}
-    there = setup.lattice.existing
-    if there is None:
-        return found
-    return {name: np.where(there, values, values[there].mean()) for name, values in found.items()}
+    constants = {
+        name: np.full(shape, value) for name, value in model.wave_constants.items() if isinstance(value, float)
+    }
+    constants |= {name: values for name, values in constants_of(setup).items() if name in model.wave_constants}
+    existing = setup.lattice.existing
+    if existing is None:
+        return constants
+    return {name: np.where(existing, values, values[existing].mean()) for name, values in constants.items()}
 
 
 def rule_of(setup: Setup) -> str:
@@ -186,12 +188,14 @@ def slope_by(model: object, values: dict[str, np.ndarray], name: str) -> Variati
     moved = {**values, name: values[name] + 1j * step}
     with warnings.catch_warnings():  # checks of ranges look at the real parts
         warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
-        found = model.beside(moved)  # type: ignore[attr-defined]
+        contrast = model.beside(moved)  # type: ignore[attr-defined]
 
     def slope(given: np.ndarray | None) -> np.ndarray | None:
         return None if given is None else np.imag(given) / step
 
-    return Variation(slope(found.stiffness), slope(found.density), slope(found.moduli), slope(found.springs))
+    return Variation(
+        slope(contrast.stiffness), slope(contrast.density), slope(contrast.moduli), slope(contrast.springs)
+    )
 
 
 def arms_of(weights: np.ndarray) -> np.ndarray:

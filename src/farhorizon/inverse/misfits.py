@@ -137,24 +137,24 @@ class DataMisfit(Misfit):
     def check(self, rows: int, components: int) -> None:
         """Refuse data of another shape than the records."""
         points = len(self.receivers.points)
-        wanted = (rows, points) if components == 1 else (rows, points, components)
+        shape = (rows, points) if components == 1 else (rows, points, components)
         for name, values in self.data.items():
-            if values.shape != wanted:
+            if values.shape != shape:
                 raise InputError(
                     "the data do not have the shape of the records",
                     value=values.shape,
-                    limit=wanted,
+                    limit=shape,
                     key=f"misfit.data.{name}",
                     remedy="one row for each step that the receivers record, from t = 0 to the end of the run; "
                     "interpolate the data to these times",
                 )
             try:
-                np.broadcast_to(self.weights, wanted)
+                np.broadcast_to(self.weights, shape)
             except ValueError:
                 raise InputError(
                     "the weights do not fit the data",
                     value=self.weights.shape,
-                    limit=wanted,
+                    limit=shape,
                     key="misfit.weights",
                     remedy="a number, or an array that broadcasts to the data",
                 ) from None
@@ -367,11 +367,11 @@ class OwnMisfit(Misfit):
     def of(self, records: Arrays, times: np.ndarray) -> tuple[float, Arrays]:
         """Return the misfit of records, and its derivative by each of them."""
         value, slopes = self.function(records, times)
-        found = {}
+        derivatives = {}
         for name, slope in dict(slopes).items():
             kinds.one_of(name, "misfit.function", records, "the function returns a derivative by no record")
-            found[name] = kinds.array(slope, f"misfit.function.{name}", shape=records[name].shape)
-        return kinds.number(value, "misfit.function"), found
+            derivatives[name] = kinds.array(slope, f"misfit.function.{name}", shape=records[name].shape)
+        return kinds.number(value, "misfit.function"), derivatives
 
 
 def _filtered(values: np.ndarray, gain: Callable[[np.ndarray], np.ndarray], step: float = 1.0) -> np.ndarray:

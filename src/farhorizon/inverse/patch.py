@@ -77,8 +77,8 @@ class Patch:
     @property
     def copies(self) -> np.ndarray:
         """Mask of the places that are copies of nodes across a periodic axis, shape (places,)."""
-        found = [self.beyond(axis, side) for axis in self.periodic for side in (-1, 1)]
-        return np.any(found, axis=0) if found else np.zeros(self.places, bool)
+        halos = [self.beyond(axis, side) for axis in self.periodic for side in (-1, 1)]
+        return np.any(halos, axis=0) if halos else np.zeros(self.places, bool)
 
     def over(self, values: np.ndarray) -> np.ndarray:
         """Return values at the nodes of the lattice (last axes) at the places, as the engine continues the medium."""
@@ -94,13 +94,13 @@ class Patch:
         """Return 1 at places where the operator reads a value that is known, 0 elsewhere, shape (places,): beyond sides
         that absorb there is nothing that a region could reach.
         """
-        found = np.ones(self.places)
+        exists = np.ones(self.places)
         if self.lattice.existing is not None and setup.rim == "free":
-            found *= self.over(self.lattice.existing.astype(float))
+            exists *= self.over(self.lattice.existing.astype(float))
         for key, side in sides.items():
             if side.held is None and not side.periodic:
-                found[self.beyond(*key)] = 0
-        return found
+                exists[self.beyond(*key)] = 0
+        return exists
 
     def held(self, sides: dict[tuple[int, int], Any], background: float) -> list[tuple[np.ndarray, float]]:
         """Return the places beyond fixed sides, each mask with the value there less the background."""
@@ -111,10 +111,10 @@ class Patch:
         """Return the fraction of the bond along each offset that cracks have cut, shape (K, places); (0, 0) if none."""
         if not setup.cracks:
             return np.zeros((0, 0))
-        found = np.zeros((len(offsets), self.places))
+        lost = np.zeros((len(offsets), self.places))
         lower = self.lattice.lower + self.lattice.spacing * np.array(self.first)
         for crack in setup.cracks:
             nodes, bonds = cut_bonds(crack.cut, lower, self.lattice.spacing, self.shape, offsets)
             at = bonds, np.ravel_multi_index(tuple(nodes.T), self.shape)
-            found[at] = np.maximum(found[at], 1 - crack.factor)
-        return found
+            lost[at] = np.maximum(lost[at], 1 - crack.factor)
+        return lost

@@ -33,12 +33,12 @@ def pieces_backward(count: int, room: int) -> Iterator[tuple[int, int, list[int]
 
 def _split(first: int, end: int, room: int) -> list[int]:
     """Where states are kept in a run through the pieces from `first` to `end`, which begins with one of them."""
-    found = [first]
+    starts = [first]
     while room > 1 and end - first > 1:
         first += _ahead(end - first, room)
         room -= 1
-        found.append(first)
-    return found
+        starts.append(first)
+    return starts
 
 
 @cache

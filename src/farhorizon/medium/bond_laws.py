@@ -297,14 +297,14 @@ def _compiled(law: type[BondLaw]) -> BondFunctions:
         names = tuple(inspect.signature(function).parameters)
         arguments.append((name, names))
         made[name] = _without_memory(law, name, function, numba.types.float64, len(names))
-        wanted = len(law.history) if name == "update" else 1
+        expected = len(law.history) if name == "update" else 1
         result: Any = made[name].nopython_signatures[0].return_type
         numbers = [*result] if _is_tuple(result) else [result]
-        if len(numbers) != wanted or not all(
+        if len(numbers) != expected or not all(
             isinstance(kind, numba.types.Number) and kind != numba.types.complex128 for kind in numbers
         ):
             raise InputError(
-                f"{law.__name__}.{name} does not return {wanted} number{'s' * (wanted > 1)}",
+                f"{law.__name__}.{name} does not return {expected} number{'s' * (expected > 1)}",
                 value=str(result),
                 limit=", ".join(law.history) if name == "update" else "a number",
                 key="model.law",

@@ -72,11 +72,11 @@ def energy_of_bonds(states: ForceStates) -> np.ndarray:
     of_bond = np.einsum("kqa,ka->kq", states.gradient, eta)
     units = states.law(np.broadcast_to(np.eye(dim), (3, dim, dim)), np.eye(3))
     forces = np.einsum("kaq,mqp,kp->kma", states.divergence, units, state - of_bond / 2)
-    found = np.einsum("kma,ka->km", forces, eta)
+    energies = np.einsum("kma,ka->km", forces, eta)
     if states.moduli[2]:
         springs = np.einsum("ka,kab,kb->k", eta, states.bonds, eta)
-        found[:, 2] += springs / states.moduli[2] / 4
-    return np.asarray(found)
+        energies[:, 2] += springs / states.moduli[2] / 4
+    return np.asarray(energies)
 
 
 def closing_rate(states: ForceStates, softest: float = 1.0) -> float:

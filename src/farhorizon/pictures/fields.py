@@ -77,15 +77,15 @@ def _scales(panels: Sequence[Panel], look: Look) -> list[tuple[dict[str, Any], s
     """For each panel its colour scale, and the ends of the bar that have arrows; all panels have one colour map."""
     fields = [panel.seen for panel in panels]
     signed = None if look.shared else any(color_range([field])["cmap"] == DIVERGING for field in fields)
-    found: list[tuple[dict[str, Any], str]] = []
+    scales: list[tuple[dict[str, Any], str]] = []
     for number, field in enumerate(fields):
         if number and look.shared:
-            found.append(found[0])
+            scales.append(scales[0])
             continue
         group = fields if look.shared else [field]
         scale = scale_of(group, look.limits, look.colors, signed, usual=True)
-        found.append((scale, look.beyond or extent_beyond(group, look.limits, scale)))
-    return found
+        scales.append((scale, look.beyond or extent_beyond(group, look.limits, scale)))
+    return scales
 
 
 def _images(panels: Sequence[Panel], axes: Axes, path: File, look: Look, names: str = "xy") -> Any:

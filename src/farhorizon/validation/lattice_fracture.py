@@ -197,7 +197,7 @@ def pulled(
     )
 
 
-class Found(NamedTuple):
+class Reading(NamedTuple):
     """Results from a history: mean displacement as the bond opens, largest earlier displacement relative to it, and
     largest elongation of the bond along the face relative to that of the bond that opens.
     """
@@ -207,12 +207,12 @@ class Found(NamedTuple):
     beside: float
 
 
-def read(rows: np.ndarray, steps: int) -> Found:
+def read(rows: np.ndarray, steps: int) -> Reading:
     """Evaluate a history."""
     first = AHEAD * steps
     opening = float(np.sqrt(rows[0, first - 1] * rows[0, first]))
     before, beside = rows[0, :first].max(), np.abs(rows[0] - rows[1]).max() / 2
-    return Found(opening, float(before / opening), float(beside / opening))
+    return Reading(opening, float(before / opening), float(beside / opening))
 
 
 def at_rest() -> tuple[float, float]:

@@ -94,14 +94,14 @@ def thin(nodes: int, pace: float, rise: float = _RISE, strength: float = _STRENG
 
 
 def long_run_profile(
-    nodes: int, pace: float, until: float, distance: float, wanted: float, equal: int | None = None
+    nodes: int, pace: float, until: float, distance: float, target: float, equal: int | None = None
 ) -> Layer:
     """A profile of at least 6 nodes for a run of length `until`, data `distance` nodes from the side, and a target
     error; the number `equal` of edges of equal sigma depends on the latter unless given.
     """
     length = pace * until
-    equal = _equal_edges(wanted) if equal is None else equal
-    least = min(max(distance, 1.0) / (length * np.log(1 / wanted)), _GRAZING / 2)
+    equal = _equal_edges(target) if equal is None else equal
+    least = min(max(distance, 1.0) / (length * np.log(1 / target)), _GRAZING / 2)
     points = np.sort(zolotarev(least / _GRAZING, nodes + 1 - equal) * _GRAZING)[::-1]
     sigma = np.concatenate([np.full(equal, _EQUAL_AT), 2 / points])
     alpha = np.concatenate([np.zeros(equal), (1 / points**2 - 1) / length])
@@ -119,9 +119,9 @@ def _timely(stencil: Stencil) -> bool:
     )
 
 
-def _equal_edges(wanted: float) -> int:
+def _equal_edges(target: float) -> int:
     """Number of edges of equal sigma, for waves along the normal, that an error requires."""
-    return int(np.clip(-np.log10(wanted) / 2 + 1, *_EQUAL))
+    return int(np.clip(-np.log10(target) / 2 + 1, *_EQUAL))
 
 
 def zolotarev(least: float, count: int) -> np.ndarray:

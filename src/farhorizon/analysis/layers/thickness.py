@@ -56,10 +56,10 @@ class Thickness:
 
 def largest_error(thickness: Mapping[str, Thickness]) -> dict[str, str]:
     """What to say of the errors of layers, by side, under one heading; empty if nothing is known."""
-    known = [one for one in thickness.values() if not np.isnan(one.predicted)]
+    known = [side for side in thickness.values() if not np.isnan(side.predicted)]
     if not known:
         return {}
-    worst = max(known, key=lambda one: one.predicted)
+    worst = max(known, key=lambda side: side.predicted)
     end = min(worst.until, worst.tried)
     return {"error of the layers": f"{worst.predicted:.1g} of the largest value, in trial runs up to t = {end:.6g}"}
 
@@ -77,7 +77,7 @@ class Trials(Protocol):
 
 
 @dataclass(frozen=True)
-class Found:
+class Candidate:
     """A candidate, its error (nan if unknown), and whether that is below the target."""
 
     family: Family
@@ -96,7 +96,7 @@ def thicker(nodes: int, apart: float = APART) -> int:
     return next(n for n in range(nodes + 1, 3 * nodes + 3) if thinner(n, apart) >= nodes)
 
 
-def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apart: float = APART) -> Found:
+def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apart: float = APART) -> Candidate:
     """The layer with the fewest nodes whose error is at most `aim`, to an eighth of the nodes, or the best one of up to
     60; a node more than the errors so far suggest if the time is up. The first reference has `start` nodes, others
     `apart` times those of a candidate.
@@ -110,22 +110,22 @@ def thinnest(families: list[Family], trials: Trials, aim: float, start: int, apa
         thick = min(thick, most)
         reference = best if best.layer(thick) is not None else of_nodes(families, thick)
         likely = min(thinner(thick, apart) + 1, MOST)
-        unknown = Found(of_nodes(families, likely), likely, np.nan, False)
+        unknown = Candidate(of_nodes(families, likely), likely, np.nan, False)
         if not trials.reference(reference, thick):
             return unknown
         # of the thickest layers the error is told, however large it is
         enough = np.inf if thick == most else _HOPELESS * aim
-        found = _first_below(families, trials, aim, thinner(thick, apart), enough)
-        if found is None:
+        candidate = _first_below(families, trials, aim, thinner(thick, apart), enough)
+        if candidate is None:
             return unknown
-        if found.kept:
-            return _refined(families, trials, aim, found)
+        if candidate.kept:
+            return _refined(families, trials, aim, candidate)
         if thick == most:
-            return found
+            return candidate
         # from the thickest candidate: where all differ alike from the reference, the error is that of the reference
-        errors.append((thinner(thick, apart), max(found.error, aim)))
+        errors.append((thinner(thick, apart), max(candidate.error, aim)))
         thick = int(np.clip(thicker(_likely(errors, aim, most), apart), thick + 1, _MOST_AHEAD * thick))
-        best = found.family  # a reference of the worse family would hide how good the better one is
+        best = candidate.family  # a reference of the worse family would hide how good the better one is
 
 
 def _likely(errors: list[tuple[int, float]], aim: float, most: int) -> int:
@@ -141,11 +141,11 @@ def of_nodes(families: list[Family], nodes: int) -> Family:
     return next(family for family in families if family.layer(nodes) is not None)
 
 
-def _first_below(families: list[Family], trials: Trials, aim: float, nodes: int, enough: float) -> Found | None:
+def _first_below(families: list[Family], trials: Trials, aim: float, nodes: int, enough: float) -> Candidate | None:
     """The first candidate with at most some nodes whose error is below the aim, or else that with the smallest error,
     which need not be known above `enough`; None if there was no time for any.
     """
-    best: Found | None = None
+    best: Candidate | None = None
     for family in families:
         layer = family.thickest(nodes)
         if layer is None:
@@ -153,15 +153,15 @@ def _first_below(families: list[Family], trials: Trials, aim: float, nodes: int,
         error = trials.error(family, layer.columns, enough)
         if np.isinf(error):
             continue
-        found = Found(family, layer.columns, error, error <= aim)
-        if found.kept:
-            return found
+        candidate = Candidate(family, layer.columns, error, error <= aim)
+        if candidate.kept:
+            return candidate
         if best is None or error < best.error:
-            best = found
+            best = candidate
     return best
 
 
-def _refined(families: list[Family], trials: Trials, aim: float, good: Found) -> Found:
+def _refined(families: list[Family], trials: Trials, aim: float, good: Candidate) -> Candidate:
     """The thinnest candidate that is below the aim, where one with more nodes is."""
     low, error = 1, 1.0
     families = families[families.index(good.family) :]  # those before it failed with more nodes
@@ -169,13 +169,13 @@ def _refined(families: list[Family], trials: Trials, aim: float, good: Found) ->
         ahead = np.log(error / (aim / 2)) / np.log(max(error, 2 * aim) / max(min(good.error, aim / 2), TINY))
         # rather too thin, since trials of layers that miss end early
         nodes = int(np.clip(low + np.ceil((good.nodes - low) * min(ahead, 0.5)), low + 1, good.nodes - 1))
-        found = _first_below(families, trials, aim, nodes, aim)
-        if found is None:
+        candidate = _first_below(families, trials, aim, nodes, aim)
+        if candidate is None:
             return good
-        if found.kept:
-            good = found
+        if candidate.kept:
+            good = candidate
         else:
-            low, error = nodes, found.error
+            low, error = nodes, candidate.error
     return good
 
 

@@ -163,16 +163,16 @@ def definitions(path: Path, name: str | None = None) -> dict[tuple[Path, str], l
     that is unknown, of all that the file depends on.
     """
     waiting: list[tuple[Path, str | None]] = [(path, name)]
-    found: dict[tuple[Path, str], list[str]] = {}
+    hashes: dict[tuple[Path, str], list[str]] = {}
     while waiting:
         place, definition = waiting.pop()
         source = _source(place)
         known = definition in source.codes or definition in source.imports
         for part in [definition] if definition is not None and known else source.codes:
-            if (place, part) not in found:
-                found[place, part] = source.codes.get(part, [])
+            if (place, part) not in hashes:
+                hashes[place, part] = source.codes.get(part, [])
                 waiting += _used(place, part)
-    return found
+    return hashes
 
 
 def digest(path: Path, name: str | None = None) -> str:

@@ -61,13 +61,13 @@ def costs_of(setup: Setup, model: LatticeModel) -> Costs:
     return Costs(1.0, _CUT, _RIM, (_UNEVEN, _UNEVEN_ROW) if varies(setup) else (0.0, 0.0))
 
 
-def cost_per_node(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
+def cost_per_node(setup: Setup, model: LatticeModel, subdomain: Lattice) -> np.ndarray:
     """Return the work of each node in a part of the lattice of a set-up, whose reference medium is `model`."""
-    costs, whole = costs_of(setup, model), part.whole
-    states = model.force_states(whole.spacing, whole.dim)
-    offsets = (model.medium(whole.spacing, whole.dim) if states is None else states).offsets
+    costs, lattice = costs_of(setup, model), subdomain.whole
+    states = model.force_states(lattice.spacing, lattice.dim)
+    offsets = (model.medium(lattice.spacing, lattice.dim) if states is None else states).offsets
     reach = np.abs(offsets).max(0).tolist()
-    around, inside = part.around(reach)  # with all nodes within reach of its own
+    around, inside = subdomain.around(reach)  # with all nodes within reach of its own
     box = [2 * m + 1 for m in reach]
     work = np.full(around.shape, costs.node)
     if around.existing is not None and setup.rim == "free" and costs.rim:
@@ -78,12 +78,12 @@ def cost_per_node(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarra
     if costs.cut:
         severed = np.zeros(around.shape, bool)
         for crack in setup.cracks:
-            severed[tuple(cut_bonds(crack.cut, around.lower, whole.spacing, around.shape, offsets)[0].T)] = True
+            severed[tuple(cut_bonds(crack.cut, around.lower, lattice.spacing, around.shape, offsets)[0].T)] = True
         work += costs.cut * severed
     if setup.specimens:
         solid = np.zeros(around.shape, bool)
         for number, specimen in enumerate(setup.specimens):
-            metal = replace(specimen, where=within_part(specimen.where, whole, around.within))
+            metal = replace(specimen, where=within_part(specimen.where, lattice, around.within))
             solid |= metal.nodes(around, f"specimen[{number}]")
         interior = minimum_filter(solid, box, mode="nearest")
         front = maximum_filter(solid, box, mode="nearest") & ~interior
@@ -91,18 +91,20 @@ def cost_per_node(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarra
     return np.asarray(work[inside])
 
 
-def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def _uneven(
+    setup: Setup, model: LatticeModel, subdomain: Lattice, reach: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
     """Mark the nodes in a part of the lattice whose bonds end in more than one medium, and those for which bonds along
     the last axis do.
     """
-    of_part = replace(setup, lattice=part)
+    of_part = replace(setup, lattice=subdomain)
     variation = model.beside(constants_of(of_part)) if setup.model.varying else Variation()
     factor = variation.times(node_factor(replace(of_part, model=model))).of_bonds
     if factor is None:
-        return np.zeros(part.shape, bool), np.zeros(part.shape, bool)
-    nodes = np.ones(part.shape, bool) if part.mask is None else part.mask
+        return np.zeros(subdomain.shape, bool), np.zeros(subdomain.shape, bool)
+    nodes = np.ones(subdomain.shape, bool) if subdomain.mask is None else subdomain.mask
     high, low = np.where(nodes, factor, -np.inf), np.where(nodes, factor, np.inf)
-    box, row = ([2 * m + 1 if a >= first else 1 for a, m in enumerate(reach)] for first in (0, part.dim - 1))
+    box, row = ([2 * m + 1 if a >= first else 1 for a, m in enumerate(reach)] for first in (0, subdomain.dim - 1))
     several, in_row = (
         nodes & (maximum_filter(high, size, mode="nearest") > minimum_filter(low, size, mode="nearest"))
         for size in (box, row)
@@ -120,9 +122,9 @@ def cost_along(
     """
     lattice, shape = setup.lattice, setup.lattice.shape
     boxes = decompose(shape, group.size, model.medium(lattice.spacing, lattice.dim).reach, {}, frozenset())
-    part = lattice.part(boxes.ranges(group.number))
-    work, sums = cost_per_node(setup, model, part), [np.zeros(n) for n in shape]
-    for axis, (along, place) in enumerate(zip(sums, part.within, strict=True)):
+    subdomain = lattice.part(boxes.ranges(group.number))
+    work, sums = cost_per_node(setup, model, subdomain), [np.zeros(n) for n in shape]
+    for axis, (along, place) in enumerate(zip(sums, subdomain.within, strict=True)):
         along[place] = work.sum(tuple(b for b in range(lattice.dim) if b != axis))
     grown = np.array([n + beyond.get((a, -1), 0.0) + beyond.get((a, 1), 0.0) for a, n in enumerate(shape)])
     relative = []

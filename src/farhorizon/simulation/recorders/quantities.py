@@ -168,15 +168,15 @@ def fields_of(run: Any, names: Iterable[str]) -> dict[str, np.ndarray]:
     """Return fields of a run by name, as they are now; the stress is computed if requested. Raises InputError if there
     is no field of this name.
     """
-    wanted = list(names)
-    fields = shown_fields(run, next((name for name in wanted if name.startswith(STRESS)), ""))
-    if STRESS in wanted and QUANTITIES[STRESS].has(run.model):
-        wanted = [part for name in wanted for part in (_stress_names(run.lattice.dim) if name == STRESS else [name])]
-    for name in wanted:
+    asked = list(names)
+    fields = shown_fields(run, next((name for name in asked if name.startswith(STRESS)), ""))
+    if STRESS in asked and QUANTITIES[STRESS].has(run.model):
+        asked = [part for name in asked for part in (_stress_names(run.lattice.dim) if name == STRESS else [name])]
+    for name in asked:
         if name not in fields:
             more = [STRESS] * (STRESS not in fields and QUANTITIES[STRESS].has(run.model))
             raise InputError("the run has no such field", value=name, key="fields", limit=", ".join([*fields, *more]))
-    return {name: fields[name] for name in wanted}
+    return {name: fields[name] for name in asked}
 
 
 def shown_fields(run: Any, name: str) -> dict[str, np.ndarray]:

@@ -486,14 +486,14 @@ def _on_plane(plane: tuple[str, float], lattice: Lattice) -> np.ndarray:
 
 def _nodes(where: Any, is_plane: bool, parts: RunParts) -> np.ndarray:
     """Return the flat indices of the nodes of the near field in a region or on a plane; raises InputError for none."""
-    part, lattice = parts.near.lattice, parts.whole.near.lattice
+    subdomain, lattice = parts.near.lattice, parts.whole.near.lattice
     if is_plane:
-        inside = _on_plane(where, part)
+        inside = _on_plane(where, subdomain)
     else:
-        inside = np.asarray(where.contains(np.stack(part.coordinates(), axis=-1)))
-    if part.mask is not None:
-        inside = inside & part.mask
-    nodes = parts.whole.numbers(inside, part)
+        inside = np.asarray(where.contains(np.stack(subdomain.coordinates(), axis=-1)))
+    if subdomain.mask is not None:
+        inside = inside & subdomain.mask
+    nodes = parts.whole.numbers(inside, subdomain)
     if not nodes.size:
         raise InputError(
             "no node of the near field lies in the region, or on the plane",

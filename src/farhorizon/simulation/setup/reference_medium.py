@@ -72,9 +72,9 @@ def reference_and_variation(setup: Setup, group: ProcessGroup) -> tuple[Referenc
     process evaluates.
     """
     boxes = decompose(setup.lattice.shape, group.size, (1,) * setup.lattice.dim, {}, frozenset())
-    part = replace(setup, lattice=setup.lattice.part(boxes.ranges(group.number))) if group else setup
-    lattice, outside, constants = part.lattice, dict[str, float](), dict[str, float]()
-    values = constants_of(part)
+    subdomain = replace(setup, lattice=setup.lattice.part(boxes.ranges(group.number))) if group else setup
+    lattice, outside, constants = subdomain.lattice, dict[str, float](), dict[str, float]()
+    values = constants_of(subdomain)
     if lattice.existing is not None:
         nodes = np.flatnonzero(lattice.existing)
         check_any(group.any(bool(nodes.size)))
@@ -198,11 +198,11 @@ def _softest(variation: Variation, group: ProcessGroup) -> float:
 
 
 def _largest_at(
-    values: np.ndarray, part: Lattice, reach: Sequence[int], axis: int, side: int, initial: float = 0.0
+    values: np.ndarray, subdomain: Lattice, reach: Sequence[int], axis: int, side: int, initial: float = 0.0
 ) -> float:
     """Return the largest value within one reach of a side of the whole lattice, but at least `initial`."""
-    first, last = part.first[axis], part.first[axis] + part.shape[axis]
-    low, high = (0, reach[axis] + 1) if side < 0 else (part.whole.shape[axis] - reach[axis] - 1, last)
+    first, last = subdomain.first[axis], subdomain.first[axis] + subdomain.shape[axis]
+    low, high = (0, reach[axis] + 1) if side < 0 else (subdomain.whole.shape[axis] - reach[axis] - 1, last)
     strip = slice(max(low - first, 0), max(min(high, last) - first, 0))
     return float(np.moveaxis(values, axis, 0)[strip].max(initial=initial))
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon.analysis.layers import families, short_waves, thickness
-from farhorizon.analysis.layers.thickness import Found, NotKept, Thickness
+from farhorizon.analysis.layers.thickness import Candidate, NotKept, Thickness
 from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
@@ -184,30 +184,30 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
     """Return the layers that trials of a set-up, that of the run or one in its place, choose."""
     asked = min(run.sides[key].wanted(run.model.target) for key in keys)
     rounded = _ROUNDED[run.model.order - 1] if run.setup.dtype == "float32" else 0.0
-    wanted = max(asked, rounded)  # of what rounding exceeds, trials show nothing
-    trials = TrialRuns(tried, keys, wanted, until)
-    usual = TrialRuns(tried, keys, wanted, max(until, default_length(run.parts.near)))
+    target = max(asked, rounded)  # of what rounding exceeds, trials show nothing
+    trials = TrialRuns(tried, keys, target, until)
+    usual = TrialRuns(tried, keys, target, max(until, default_length(run.parts.near)))
     if not any(run.sides[key].until for key in keys) and usual.brief:
         trials, until = usual, usual.until
     small = None if trials.tried == until else _smaller(trials)
     used = trials if small is None else small
-    found, cost = _recalled(used), 0.0
-    if found is None:
-        found, cost = used.chosen(), used.spent / trials.expected_seconds
-        _remember(used, found)
-    if found.error > wanted and any(run.sides[key].target is not None for key in keys):
-        raise NotKept.of(wanted, found.error)
-    sides = trials.sides(found.family.name, found.nodes)
+    best, cost = _recalled(used), 0.0
+    if best is None:
+        best, cost = used.chosen(), used.spent / trials.expected_seconds
+        _remember(used, best)
+    if best.error > target and any(run.sides[key].target is not None for key in keys):
+        raise NotKept.of(target, best.error)
+    sides = trials.sides(best.family.name, best.nodes)
     tried = until * used.tried / used.until  # a smaller near field sees as many crossings in less time
     thickness = {
-        side_name(*key): Thickness(found.family.name, side.profile, float(found.error), until, tried, cost)
+        side_name(*key): Thickness(best.family.name, side.profile, float(best.error), until, tried, cost)
         for key, side in sides.items()
     }
     names = ", ".join(thickness)
     doubts, notes = [], []
-    if found.error > wanted:
-        doubts.append(_missed(found.nodes, names, found.error, wanted, run.model.order))
-    if np.isnan(found.error):
+    if best.error > target:
+        doubts.append(_missed(best.nodes, names, best.error, target, run.model.order))
+    if np.isnan(best.error):
         notes.append(f"trial runs that show the error of the layers ({names}) take too long; {_MEASURE}")
     elif small is not None:
         shape = " x ".join(map(str, small.run.lattice.shape))
@@ -221,19 +221,19 @@ def _chosen(run: Any, tried: Any, keys: list[Key], until: float) -> Chosen:
     return Chosen(sides, thickness, doubts, notes)
 
 
-def _recalled(trials: TrialRuns) -> Found | None:
+def _recalled(trials: TrialRuns) -> Candidate | None:
     """Return what trials of the same set-up chose before."""
     known = kept(_cache_file(trials))
     if known is None:
         return None
-    family = next(one for one in trials.families if one.name == str(known["family"]))
-    return Found(family, int(known["nodes"]), float(known["error"]), bool(known["kept"]))
+    family = next(candidate for candidate in trials.families if candidate.name == str(known["family"]))
+    return Candidate(family, int(known["nodes"]), float(known["error"]), bool(known["kept"]))
 
 
-def _remember(trials: TrialRuns, found: Found) -> None:
+def _remember(trials: TrialRuns, best: Candidate) -> None:
     """Keep what trials chose, if they took a while."""
     if trials.spent > 0.1 * SECONDS:  # less is not noticed
-        keep(_cache_file(trials), family=found.family.name, nodes=found.nodes, error=found.error, kept=found.kept)
+        keep(_cache_file(trials), family=best.family.name, nodes=best.nodes, error=best.error, kept=best.kept)
 
 
 def _cache_file(trials: TrialRuns) -> Path:
@@ -252,12 +252,12 @@ def assess_layers(run: Any, keys: list[Key], until: float) -> tuple[float, list[
     """Return the error of layers as they are in a run of a given length, nan if a trial takes too long, and a warning
     if it is above the targets.
     """
-    wanted = max(run.sides[key].wanted(run.model.target) for key in keys)
-    trials = TrialRuns(_in_place_of(run)[0][-1], keys, wanted, until)
+    target = max(run.sides[key].wanted(run.model.target) for key in keys)
+    trials = TrialRuns(_in_place_of(run)[0][-1], keys, target, until)
     error = trials.assessed()
     names = ", ".join(side_name(*key) for key in keys)
     nodes = max(trials.near_layer(key).columns for key in keys)
-    return error, [_missed(nodes, names, error, wanted, run.model.order)] if error > wanted else []
+    return error, [_missed(nodes, names, error, target, run.model.order)] if error > target else []
 
 
 def _missed(nodes: int, names: str, error: float, wanted: float, order: int) -> str:

@@ -123,13 +123,13 @@ def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: in
     damped = [layer for layer in layers.values() if layer.filtered]
     if not damped:
         return dict(layers)
-    whole, taps = any(layer.whole for layer in damped), max((layer.taps for layer in damped), key=len)
+    of_field, taps = any(layer.whole for layer in damped), max((layer.taps for layer in damped), key=len)
     most = 2 * dim * dt * max(float(layer.damping.max()) for layer in damped)
     turn = float(np.arcsin(min(1.0, dt * np.sqrt(rate) / 2)) / np.pi)
-    seldom = dim > 1 and not whole and most <= _LITTLE and turn <= _TURN
+    seldom = dim > 1 and not of_field and most <= _LITTLE and turn <= _TURN
     every = max(layer.every for layer in damped) or 1 + seldom
     return {
-        key: replace(layer, taps=taps, whole=whole, every=every) if layer.filtered else layer
+        key: replace(layer, taps=taps, whole=of_field, every=every) if layer.filtered else layer
         for key, layer in layers.items()
     }
 

@@ -220,10 +220,10 @@ def resolved_sides(layered: LayeredSides) -> dict[str, Side]:
     """Return the sides by name, with extended domains as they were chosen, so that they remain the same on another
     lattice or without data.
     """
-    found: dict[str, Side] = {}
+    resolved: dict[str, Side] = {}
     for key, side in layered.sides.items():
         name, extent = side_name(*key), layered.extents.get(key)
-        found[name] = side
+        resolved[name] = side
         if extent is not None and np.isfinite(extent.until):
-            found[name] = replace(side, nodes=extent.nodes, until=extent.until)
-    return found
+            resolved[name] = replace(side, nodes=extent.nodes, until=extent.until)
+    return resolved

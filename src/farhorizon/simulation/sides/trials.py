@@ -17,7 +17,7 @@ import numpy as np
 from farhorizon.analysis.layers.families import Family, diffusive, families, long_run_profile
 from farhorizon.analysis.layers.profiles import weak
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.thickness import AIM, APART, APART_SLOW, MOST, Found, of_nodes, thicker, thinnest
+from farhorizon.analysis.layers.thickness import AIM, APART, APART_SLOW, MOST, Candidate, of_nodes, thicker, thinnest
 from farhorizon.analysis.stability import step_seconds
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
@@ -111,8 +111,8 @@ class TrialRuns:
         """Return the layer of a side for a family and a number of nodes; None if no side has one."""
         known = (key, name, nodes)
         if known not in self._layers:
-            own = {family.name: family for family in self._of_side[key]}
-            self._layers[known] = own[name].layer(nodes) if name in own else None
+            families = {family.name: family for family in self._of_side[key]}
+            self._layers[known] = families[name].layer(nodes) if name in families else None
         return self._layers[known]
 
     @cached_property
@@ -160,7 +160,7 @@ class TrialRuns:
 
     def sides(self, name: str, nodes: int) -> dict[Key, Side]:
         """Return the sides with the layers of a candidate, given the name of its family."""
-        found: dict[Key, Side] = {}
+        sides: dict[Key, Side] = {}
         for key in self.keys:
             layer = self.layer_of(key, name, nodes)
             if layer is None:  # another family, with as many nodes
@@ -169,8 +169,8 @@ class TrialRuns:
                 )
             if self._short:
                 layer = replace(layer, short=True)
-            found[key] = replace(self._layered(key), nodes=layer.columns, profile=layer)
-        return found
+            sides[key] = replace(self._layered(key), nodes=layer.columns, profile=layer)
+        return sides
 
     def _layered(self, key: Key) -> LatticePML:
         side = self.run.sides[key]
@@ -201,11 +201,11 @@ class TrialRuns:
         last, near = max(1, last_step(self.tried, self.near.dt)), self.near
         if near.model.order == 1:
             # from a time in which the field spreads a 55th as far, sqrt(1 / 3000), as by the end
-            found = np.geomspace(max(1.0, last / 3000), last, _FEWEST_LOOKS * 2)
+            places = np.geomspace(max(1.0, last / 3000), last, _FEWEST_LOOKS * 2)
         else:
             looks = np.clip(_LOOKS * self.tried / near.crossing, _FEWEST_LOOKS, _MOST_LOOKS)
-            found = np.linspace(last / int(looks), last, int(looks))
-        return np.unique(np.ceil(found).astype(int))
+            places = np.linspace(last / int(looks), last, int(looks))
+        return np.unique(np.ceil(places).astype(int))
 
     @cached_property
     def tried(self) -> float:
@@ -265,10 +265,10 @@ class TrialRuns:
         if self._reference is not None and not self._affords(sides, self.tried):
             return False
         sim, self._reference = self._made(sides), None
-        _, found = (np.inf, None) if sim is None else self._followed(sim, sides, np.inf)
-        if found is None or not found.fields.any():
+        _, record = (np.inf, None) if sim is None else self._followed(sim, sides, np.inf)
+        if record is None or not record.fields.any():
             return False
-        self._reference = found
+        self._reference = record
         return True
 
     def error(self, family: Family, nodes: int, enough: float) -> float:
@@ -334,19 +334,19 @@ class TrialRuns:
 
     # --- the result --------------------------------------------------------------------------------------------
 
-    def chosen(self) -> Found:
+    def chosen(self) -> Candidate:
         """Return the thinnest candidate that keeps the target as far as trials can tell, with more nodes where they are
         shorter than the run.
         """
         if self.tried < min(self.until, SHORTEST * self.near.crossing):
-            found = Found(of_nodes(self.families, self.start), self.start, np.nan, False)
+            candidate = Candidate(of_nodes(self.families, self.start), self.start, np.nan, False)
         else:
-            found = thinnest(self.families, self, AIM * self.wanted, self.start, self.apart)
+            candidate = thinnest(self.families, self, AIM * self.wanted, self.start, self.apart)
         if self.tried >= self.until:
-            return found
-        nodes = min(MOST, found.nodes + self._more)
-        same = found.family.layer(nodes) is not None
-        return replace(found, family=found.family if same else of_nodes(self.families, nodes), nodes=nodes)
+            return candidate
+        nodes = min(MOST, candidate.nodes + self._more)
+        same = candidate.family.layer(nodes) is not None
+        return replace(candidate, family=candidate.family if same else of_nodes(self.families, nodes), nodes=nodes)
 
     @property
     def _strong(self) -> bool:
@@ -378,15 +378,15 @@ class TrialRuns:
         there is no time for it.
         """
         nodes = max(self.near_layer(key).columns for key in self.keys)
-        as_given, found = self.run.parts.layered.as_given(), np.nan
+        as_given, smallest = self.run.parts.layered.as_given(), np.nan
         for _ in range(2):
             nodes = min(thicker(nodes, self.apart), 2 * MOST)
             before = self._reference
             if not self.reference(of_nodes(self.families, nodes), nodes):
                 self._reference = before
-                return found
-            error = self._error({key: as_given[side_name(*key)] for key in self.keys}, np.inf)
-            found = float(np.fmin(found, error)) if np.isfinite(error) else found
-            if found <= self.wanted:
+                return smallest
+            difference = self._error({key: as_given[side_name(*key)] for key in self.keys}, np.inf)
+            smallest = float(np.fmin(smallest, difference)) if np.isfinite(difference) else smallest
+            if smallest <= self.wanted:
                 break
-        return found
+        return smallest
