@@ -44,7 +44,7 @@ def test_the_verdict_first_then_what_to_do_and_tables_when_asked_for(tmp_path, m
 
 def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_path, monkeypatch, capsys):
     from farhorizon.case.case import Case
-    from farhorizon.case.whole_time import whole_time
+    from farhorizon.case.preview import whole_time
 
     monkeypatch.chdir(tmp_path)
     case = Case(CASE + "output = { every = 0.5, probes = [[1.0]] }\n")

@@ -10,8 +10,7 @@ from farhorizon.cli.common import BAD_INPUT, GOOD, case_of, check_folder, made_f
 
 
 def check_command(options: argparse.Namespace) -> int:
-    from farhorizon.case.geometry_picture import draw_geometry
-    from farhorizon.case.whole_time import whole_time
+    from farhorizon.case.preview import draw_geometry, whole_time
     from farhorizon.engine.codegen.compile_notice import compile_seconds
     from farhorizon.errors import ValidityWarning
     from farhorizon.pictures.style import counted_in

@@ -11,12 +11,16 @@ from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from farhorizon.cli.check_command import check_command
-from farhorizon.cli.collection_commands import reproduce_command, validate_command
-from farhorizon.cli.compare_command import compare_command, demo_command
 from farhorizon.cli.invert_command import invert_command
 from farhorizon.cli.result_commands import merge_command, plot_command
 from farhorizon.cli.run_command import run_command
-from farhorizon.cli.sweep_command import sweep_command
+from farhorizon.cli.study_commands import (
+    compare_command,
+    demo_command,
+    reproduce_command,
+    sweep_command,
+    validate_command,
+)
 from farhorizon.cli.text_commands import info_command, keys_command, new_command, schema_command
 
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")

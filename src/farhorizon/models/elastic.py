@@ -114,7 +114,7 @@ class Elastic(LatticeModel):
     calibrate : {"running", "static"}
         Which crack takes the fracture energy: one that runs, or one at rest in a slowly pulled strip when it begins to
         grow, which takes more, because its tip waits at each row of nodes
-        (`farhorizon.simulation.recorders.resting_cracks`).
+        (`farhorizon.simulation.setup.crack_calibration`).
     softening : {"linear", "exponential"}, optional
         For bond-based materials with a critical stretch and a fracture energy: bonds do not break at that stretch but
         begin to soften there (by a bilinear or an exponential law), so that a new crack absorbs the fracture energy;
@@ -192,7 +192,7 @@ class Elastic(LatticeModel):
         "speed": "young and poisson, as of a solid of fh.materials; a fluid is a Wave of its pressure: "
         "fh.Wave(kernel, **fh.materials.water.constants)"
     }
-    energy_factor: float | None = None  # see `farhorizon.simulation.recorders.running_cracks.energy_factor`
+    energy_factor: float | None = None  # see `farhorizon.simulation.setup.crack_calibration.energy_factor`
     each_bond: bool = True  # whether bonds that are stiffer near surfaces are swept one by one
     spent_by_running: float | None = None  # energy of a running crack over the fracture energy, where it is at rest
     quantity, field_unit = "displacement", "m"
@@ -471,7 +471,7 @@ class Elastic(LatticeModel):
         For a bond-based material, the energy of the bonds across a plane, averaged over its directions
         (`medium.fracture.fracture_energy`), equals the fracture energy. That of a crack along an axis of the lattice
         differs from it, because the lattice is not a continuum. For the other materials it is the energy spent by a
-        running crack (`farhorizon.simulation.recorders.running_cracks`), and with `calibrate` "static" for all of them
+        running crack (`farhorizon.simulation.setup.crack_calibration`), and with `calibrate` "static" for all of them
         that at which a crack at rest grows; a simulation computes either when it is set up.
 
         Parameters

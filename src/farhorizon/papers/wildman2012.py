@@ -30,8 +30,8 @@ from farhorizon import (
     Traction,
     UnstableError,
 )
+from farhorizon.analysis.references.full_space import gaussian_symbol, nonlocal_radial_wave, radial_wave
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
-from farhorizon.analysis.references.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
 from farhorizon.papers import LINE, reproduction
 from farhorizon.papers.split_fields import Gradient, SplitFields
 from farhorizon.studies.collection import Comparison, Outcome, Row, Setting

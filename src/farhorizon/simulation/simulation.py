@@ -34,8 +34,8 @@ from farhorizon.simulation.processes.subdomain import Subdomain, check_given
 from farhorizon.simulation.recorders.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.recorders.recorder import Observer
 from farhorizon.simulation.recorders.recording import Recording
-from farhorizon.simulation.recorders.running_cracks import with_energy_factor
 from farhorizon.simulation.run import Run
+from farhorizon.simulation.setup.crack_calibration import with_energy_factor
 from farhorizon.simulation.setup.modified_setups import evaluated_setup, remade_setup, shortened_setup
 from farhorizon.simulation.setup.setup import Key, Setup, side_name
 from farhorizon.simulation.setup.surface_effect import thin_note

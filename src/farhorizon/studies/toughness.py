@@ -1,5 +1,5 @@
 """Cracks that follow a pair of forces, and the critical stretch for which they spend a given fracture energy; see
-`farhorizon.simulation.recorders.running_cracks`.
+`farhorizon.simulation.setup.crack_calibration`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from farhorizon.medium.fracture import stretch_that_spends
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.models.elastic import CALIBRATIONS
-from farhorizon.simulation.recorders.running_cracks import SPEED, RunningCrack, crack_after_forces, energy_factor
-from farhorizon.simulation.recorders.running_cracks import rayleigh_speed as rayleigh_speed
+from farhorizon.simulation.setup.crack_calibration import SPEED, RunningCrack, crack_after_forces, energy_factor
+from farhorizon.simulation.setup.crack_calibration import rayleigh_speed as rayleigh_speed
 from farhorizon.simulation.simulation import Simulation
 
 
@@ -25,7 +25,7 @@ def running_crack(
     dim: int = 2,
 ) -> RunningCrack:
     """Run a crack that follows a pair of forces, as
-    `farhorizon.simulation.recorders.running_cracks.crack_after_forces`.
+    `farhorizon.simulation.setup.crack_calibration.crack_after_forces`.
     """
     return crack_after_forces(Simulation.of, model, spacing, energy, speed, turn, push, dim)
 

@@ -1,6 +1,6 @@
 """Pictures of the media of the nodes of a case."""
 
-import farhorizon.case.geometry_picture as drawing
+import farhorizon.case.preview as drawing
 from farhorizon.case.case import Case
 from farhorizon.pictures.style import counted_in
 

@@ -13,7 +13,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.case.case import Case
-from farhorizon.simulation.recorders import running_cracks
+from farhorizon.simulation.setup import crack_calibration
 from farhorizon.studies.toughness import rayleigh_speed, running_crack
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
@@ -36,7 +36,7 @@ def runs(monkeypatch, tmp_path):
         found.append((model, dim))
         return FACTOR
 
-    monkeypatch.setattr(running_cracks, "_energy_factor", run)
+    monkeypatch.setattr(crack_calibration, "_energy_factor", run)
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     return found
 
@@ -132,7 +132,7 @@ def test_who_comes_while_a_crack_runs_waits_for_it(monkeypatch, tmp_path):
         time.sleep(0.5)
         return FACTOR
 
-    monkeypatch.setattr(running_cracks, "_energy_factor", run)
+    monkeypatch.setattr(crack_calibration, "_energy_factor", run)
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     found = []
     threads = [
@@ -170,7 +170,7 @@ def test_a_model_alone_does_not_know_what_cracks_spend():
 @pytest.fixture
 def along_an_axis(monkeypatch, tmp_path):
     """Restrict the calibration to cracks along an axis of the lattice."""
-    monkeypatch.setitem(running_cracks.TURNS, 2, (0.0,))
+    monkeypatch.setitem(crack_calibration.TURNS, 2, (0.0,))
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
 
 

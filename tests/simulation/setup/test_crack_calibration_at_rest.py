@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.recorders import running_cracks
-from farhorizon.simulation.recorders.resting_cracks import energies_at_rest
+from farhorizon.simulation.setup import crack_calibration
+from farhorizon.simulation.setup.crack_calibration import energies_at_rest
 
 PLATE = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
 FACTORS = {"_energy_factor": 0.8, "_static_factor": 0.9}
@@ -15,7 +15,7 @@ FACTORS = {"_energy_factor": 0.8, "_static_factor": 0.9}
 def factors(monkeypatch, tmp_path):
     """Factors in place of those of cracks that are run; nothing is known beforehand."""
     for name, factor in FACTORS.items():
-        monkeypatch.setattr(running_cracks, name, lambda runs, model, dim, factor=factor: factor)
+        monkeypatch.setattr(crack_calibration, name, lambda runs, model, dim, factor=factor: factor)
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
 
 

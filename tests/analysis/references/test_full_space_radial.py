@@ -5,7 +5,7 @@ import pytest
 from scipy import special
 
 from farhorizon import Correspondence, Fixed, Kernel, Lattice, Simulation
-from farhorizon.analysis.references.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
+from farhorizon.analysis.references.full_space import gaussian_symbol, nonlocal_radial_wave, radial_wave
 from farhorizon.medium.stencil import Stencil
 
 # central differences of order 8

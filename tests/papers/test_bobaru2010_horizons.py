@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon import InputError
-from farhorizon.papers.horizons import Study, over_horizons
+from farhorizon.papers.bobaru2010 import Study, over_horizons
 
 
 def test_the_table_has_every_horizon_and_ratio():

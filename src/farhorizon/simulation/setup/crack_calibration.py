@@ -1,4 +1,5 @@
-r"""Energy that cracks spend per new area, measured on a crack that follows a pair of forces.
+r"""Energy that cracks spend per new area, by which critical stretches are calibrated: of a crack that follows a pair of
+forces, and of one at rest.
 
 Two opposite forces P that move along the faces of a crack at a speed V hold its tip at the distance d ahead of them at
 which :math:`K_I = P\sqrt{2/\pi d}` is what the tip requires at that speed: closer to them K increases and the tip runs
@@ -11,6 +12,11 @@ Because forces are linear, the energy is proportional to the square of the criti
 and the horizon, it is a number that depends only on the kernel, the horizon in spacings and Poisson's ratio; it is
 computed once and stored. In 2D it is the mean of two cracks, one along an axis of the lattice and one at an angle to
 it; in 3D that of one along an axis.
+
+A crack at rest begins to grow in a strip that is pulled apart slowly, with a crack half way through. Far ahead of the
+crack the strip stores the energy G per area that the crack would open (Rivlin and Thomas 1953, Journal of Polymer
+Science 10, 291), whatever the material; it is computed in a strip without a crack. A tip on a lattice waits at each row
+of nodes, so that starting a crack takes more than keeping it running.
 """
 
 from __future__ import annotations
@@ -28,13 +34,14 @@ from scipy.optimize import brentq
 
 from farhorizon.analysis.fracture.interaction import InteractionDomain
 from farhorizon.analysis.fracture.near_tip import NearTip
-from farhorizon.boundaries import LatticePML, Periodic, Side, Sponge
+from farhorizon.boundaries import Free, LatticePML, Periodic, Side, Sponge
 from farhorizon.engine import damage, release
 from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.files.storage import awaited
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Polyline, Rectangle
+from farhorizon.geometry.shapes import Box, Polyline, Rectangle
+from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.sources import Source
 from farhorizon.medium import force_states
 from farhorizon.medium.kernel import Kernel
@@ -42,9 +49,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Elastic
 from farhorizon.rounding import MARGIN
 from farhorizon.simulation.processes.process_group import ProcessGroup
-from farhorizon.simulation.recorders import resting_cracks
 from farhorizon.simulation.recorders.crack_tips import CrackTips
-from farhorizon.simulation.recorders.resting_cracks import energies_at_rest
 from farhorizon.simulation.setup.reference_medium import reference_and_variation
 from farhorizon.simulation.setup.setup import Setup
 
@@ -334,9 +339,7 @@ def _cache_file(model: Elastic, dim: int, calibrate: str) -> Path:
         mark.update(np.ascontiguousarray(table).tobytes())
     names = ("material", "plane", "stabilisation", "damping", "drag", "shape_tensor")
     constants = (round(model.poisson, _DIGITS - 2), *(getattr(model, name, None) for name in names))
-    mark.update(repr((dim, model.kernel.calibrate, *constants)).encode())
-    if calibrate == "static":
-        mark.update(Path(resting_cracks.__file__).read_bytes())
+    mark.update(repr((dim, calibrate, model.kernel.calibrate, *constants)).encode())
     return cache_folder() / f"toughness_{mark.hexdigest()[:24]}.npz"
 
 
@@ -365,3 +368,67 @@ def with_energy_factor(setup: Setup, runs: Runs, team: ProcessGroup) -> Setup:
         running = team.first(team.by_first(lambda: energy_factor(runs, *given)))
         model.spent_by_running = running / model.energy_factor
     return replace(setup, model=model)
+
+
+_HALF = 7.0  # half the height of the strip, in horizons; with twice that the energy changes by at most 3 %
+_LONG = 2.0  # half its length, in its half heights: the middle of each half does not feel its ends
+# times that a wave takes over half the height, in which the edges move as far as the expected energy requires (thrice
+# that changes the energy by 1 %); the time in which waves are damped, in the same unit: what the edges emit dies out
+# long before, but what a bond emits as it breaks still shakes its neighbours
+_SLOW, _FADES = 80.0, 2.5
+_LATEST = 4.0  # of these times until a crack must have grown: sixteen times the expected energy
+_LOOKS = 1000  # times in one of them at which bonds are counted: the energy is exact to 0.2 %
+
+
+def energies_at_rest(
+    runs: Callable[[Setup, Sequence[Any]], Any], model: Elastic, dim: int, expected: float
+) -> tuple[float, float]:
+    """Return the energy per area of a strip when the first bonds ahead of a crack at rest break, and when as many have
+    broken as cross its plane at one row of nodes, for an estimate of it.
+
+    The model is in units of its lattice, with a critical stretch; in 3D the strip is a slab of one node, in plane
+    strain.
+    """
+    assert isinstance(model.kernel, Kernel)
+    half = float(np.ceil(_HALF * model.kernel.horizon))
+    offsets = Stencil.family(model.kernel, 1.0, dim)[0]
+    reach, front = int(np.abs(offsets).max()), (0.0,) * (dim - 2)
+    tried = model.with_constants({})
+    tried.damping = 1.0 / (_FADES * half)
+    planned = _SLOW * half  # waves in a bar have the speed 1
+    speed = np.sqrt(expected * half / model.p_modulus) / planned
+    far = _LONG * half
+    pulled = [_clamped(sign, half - reach, far, speed, dim) for sign in (1, -1)]
+    around: dict[str, Side] = {"all": Free()} if dim == 2 else {"x": Periodic(), "all": Free()}
+    strip = Lattice(1.0, (*front, 0.5 - far, 0.5 - half), (*front, far - 0.5, half - 0.5))
+    crack: Any = [(-2 * far, 0.0), (0.0, 0.0)]
+    if dim == 3:
+        crack = Rectangle([-far, -2 * far, 0.0], [2 * far, 0.0, 0.0], [0.0, 2 * far, 0.0])
+    cracked = runs(Setup(strip, tried, around, cracks=[crack], constraints=pulled), [])
+    width = 2 * reach + 1
+    column = Lattice(1.0, (*front, 0.0, 0.5 - half), (*front, width - 1.0, half - 0.5))
+    unbroken = tried.linearised
+    sides: dict[str, Side] = {"xy"[a]: Periodic() for a in range(dim - 1)} | {"all": Free()}
+    intact = runs(Setup(column, unbroken, sides, constraints=pulled, dt=cracked.dt), [])
+    per_row = int(offsets[offsets[:, -1] > 0][:, -1].sum())  # bonds that cross the plane of the crack, for each row
+    count, energies = max(1, int(planned / (_LOOKS * cracked.dt))), []
+    for broken in (1, per_row):
+        while cracked.broken_bonds < broken:
+            if cracked.time > _LATEST * planned:
+                raise InputError(
+                    "no crack grows in a strip of this material",
+                    value=model.title,
+                    key="model.calibrate",
+                    remedy='calibrate = "running", or a larger horizon',
+                )
+            cracked.step(count)
+        intact.run(cracked.time, progress=False)
+        energies.append(float(intact.energies()["strain"]) / width)
+    return energies[0], energies[1]
+
+
+def _clamped(sign: int, edge: float, far: float, speed: float, dim: int) -> Prescribed:
+    """Return what moves one edge of the strip away from the plane of the crack."""
+    low, high = sorted([sign * (edge + 0.1), sign * far])
+    region = Box([*[-2 * far] * (dim - 1), low], [*[2 * far] * (dim - 1), high])
+    return Prescribed(region, velocity=[*[0.0] * (dim - 1), sign * speed])
