@@ -152,12 +152,13 @@ def _push(stage, block, mobility, impactors, inputs, step, number):
     d, dt = stage.components, impactors.scales[1]
     x, v, lightness = impactors.state[number, 0], impactors.state[number, 1], impactors.constants[number, 2]
     total, moves = impactors.vectors[0], impactors.vectors[1]
-    stored, mass = _repel(stage, block, mobility, impactors, number, total)
+    total[:] = 0
+    stored, mass = _touch(stage, block, mobility, impactors, number, total, moves, 0.0)
     for c in range(d):
         given = inputs.impactor_paths[step, number, c]
         moves[c] = dt * (v[c] - lightness * dt * total[c]) if lightness > 0 else given - x[c]
     if stored > 0 and impactors.constants[number, 1] > 0:
-        _rub(stage, block, mobility, impactors, number, total, moves, 1 / (1 + lightness * mass))
+        _touch(stage, block, mobility, impactors, number, total, moves, 1 / (1 + lightness * mass))
     kept = step < inputs.impactor_values.shape[0]
     for c in range(d):
         after = v[c] - lightness * dt * total[c] if lightness > 0 else moves[c] / dt
@@ -170,32 +171,44 @@ def _push(stage, block, mobility, impactors, inputs, step, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _repel(stage, block, mobility, impactors, number, total):
-    """Push nodes out of a shape; sum the forces in `total`, and return the energy of the contact and the mass of the
-    nodes, in units of that of a node of the medium.
+def _touch(stage, block, mobility, impactors, number, total, moves, share):
+    """Push nodes out of a shape or, with a `share`, let them rub against it; add the forces to `total`, and return the
+    energy of the contact and the mass of the nodes, in units of that of a node of the medium.
     """
-    d, stored, mass, normal = stage.components, 0.0, 0.0, impactors.room[0, 1:]
-    places, stiffness = stage.src.size // d, impactors.constants[number, 0]
-    total[:] = 0
+    stored, mass = 0.0, 0.0
+    stiffness, friction = (
+        impactors.constants[number, 0],
+        impactors.constants[number, 1] * impactors.constants[number, 0],
+    )
     for row in range(impactors.spans.shape[0]):
         first, end = impactors.spans[row, 0], impactors.spans[row, 1]
         if first >= end:
             continue
         start = row_start(block, impactors, row)
-        _set_corner(impactors, d, row)
+        _set_corner(impactors, stage.components, row)
         for i in range(first, end):
             depth = _depth_of_node(stage, impactors, number, i, start + i)
             if depth <= 0:
                 continue
             mobile = np.float64(mobility[start + i]) if mobility.size else 1.0
-            for c in range(d):
-                _pull(stage, impactors, start + i + c * places, stiffness * depth * normal[c], mobile)
-                total[c] += stiffness * depth * normal[c]
+            if share > 0:
+                _rub(stage, impactors, start + i, mobile, friction * depth, total, moves, share)
+                continue
+            _repel(stage, impactors, start + i, mobile, stiffness * depth, total)
             stored += 0.5 * stiffness * depth**2
             mass += 1 / mobile
             if _is_beside(impactors, number, row, i):
                 impactors.beside[number] = 1
     return stored, mass
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def _repel(stage, impactors, place, mobile, force, total):
+    """Push a node out of a shape along the normal."""
+    d, normal = stage.components, impactors.room[0, 1:]
+    for c in range(d):
+        _pull(stage, impactors, place + c * (stage.src.size // d), force * normal[c], mobile)
+        total[c] += force * normal[c]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -211,37 +224,26 @@ def _is_beside(impactors, number, row, i):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _rub(stage, block, mobility, impactors, number, total, moves, share):
-    """Add friction between a shape, which moves by `moves` in this step, and the nodes in it; `share` of the relative
-    motion is what a node loses if all stop at once, because the shape moves, too.
+def _rub(stage, impactors, place, mobile, most, total, moves, share):
+    """Add friction of at most a force between a node and a shape, which moves by `moves` in this step; `share` of the
+    relative motion is what a node loses if all stop at once, because the shape moves, too.
     """
     d, normal, slip = stage.components, impactors.room[0, 1:], impactors.vectors[4]
-    places, most = stage.src.size // d, impactors.constants[number, 1] * impactors.constants[number, 0]
-    for row in range(impactors.spans.shape[0]):
-        first, end = impactors.spans[row, 0], impactors.spans[row, 1]
-        if first >= end:
-            continue
-        start = row_start(block, impactors, row)
-        _set_corner(impactors, d, row)
-        for i in range(first, end):
-            depth = _depth_of_node(stage, impactors, number, i, start + i)
-            if depth <= 0:
-                continue
-            mobile, along, size = np.float64(mobility[start + i]) if mobility.size else 1.0, 0.0, 0.0
-            for c in range(d):
-                place = start + i + c * places
-                slip[c] = np.float64(stage.out[place]) - np.float64(stage.src[place]) - moves[c]
-                along += slip[c] * normal[c]
-            for c in range(d):
-                slip[c] -= along * normal[c]
-                size += slip[c] ** 2
-            size = np.sqrt(size)
-            if size == 0:
-                continue
-            force = min(most * depth, share * size / (np.float64(stage.scale) * mobile))
-            for c in range(d):
-                _pull(stage, impactors, start + i + c * places, -force * slip[c] / size, mobile)
-                total[c] -= force * slip[c] / size
+    places, along, size = stage.src.size // d, 0.0, 0.0
+    for c in range(d):
+        at = place + c * places
+        slip[c] = np.float64(stage.out[at]) - np.float64(stage.src[at]) - moves[c]
+        along += slip[c] * normal[c]
+    for c in range(d):
+        slip[c] -= along * normal[c]
+        size += slip[c] ** 2
+    size = np.sqrt(size)
+    if size == 0:
+        return
+    force = min(most, share * size / (np.float64(stage.scale) * mobile))
+    for c in range(d):
+        _pull(stage, impactors, place + c * places, -force * slip[c] / size, mobile)
+        total[c] -= force * slip[c] / size
 
 
 @njit(error_model="numpy", cache=True, counted=False)

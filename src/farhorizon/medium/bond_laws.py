@@ -349,7 +349,25 @@ def _without_memory(law: type[BondLaw], name: str, function: Callable[..., Any],
 
 
 @dataclass(frozen=True)
-class BilinearSoftening(BondLaw):
+class _Softening:
+    """The numbers of a law that is a spring up to an onset, and softens beyond it."""
+
+    onset: float
+    final: float
+
+    def __post_init__(self) -> None:
+        kinds.number(self.onset, "law.onset", above=0)
+        kinds.number(self.final, "law.final", above=self.onset)
+        super().__post_init__()  # type: ignore[misc]  # that of the law
+
+    @property
+    def elastic_limit(self) -> float:
+        """The onset."""
+        return self.onset
+
+
+@dataclass(frozen=True)
+class BilinearSoftening(_Softening, BondLaw):
     """Bonds whose force falls linearly from an onset, to zero at a final stretch, where they break.
 
     They unload along the secant. Over all bonds across a plane, a crack takes ``onset * final`` times the fracture
@@ -375,19 +393,7 @@ class BilinearSoftening(BondLaw):
     [0.01, 0.005, 0.0025, 0.0]
     """
 
-    onset: float
-    final: float
     history: ClassVar[Mapping[str, float]] = {"largest": 0.0}
-
-    def __post_init__(self) -> None:
-        _check_onset(self)
-        kinds.number(self.final, "law.final", above=self.onset)
-        super().__post_init__()
-
-    @property
-    def elastic_limit(self) -> float:
-        """The onset."""
-        return self.onset
 
     @staticmethod
     def update(stretch: float, largest: float, onset: float) -> float:
@@ -408,7 +414,7 @@ class BilinearSoftening(BondLaw):
 
 
 @dataclass(frozen=True)
-class ExponentialSoftening(BondLaw):
+class ExponentialSoftening(_Softening, BondLaw):
     """Bonds whose force decays exponentially beyond an onset.
 
     They unload along the secant, and never lose all of it. `final` is the stretch at which the bilinear law that takes
@@ -434,19 +440,7 @@ class ExponentialSoftening(BondLaw):
     0.135335
     """
 
-    onset: float
-    final: float
     history: ClassVar[Mapping[str, float]] = {"largest": 0.0, "secant": 1.0}
-
-    def __post_init__(self) -> None:
-        _check_onset(self)
-        kinds.number(self.final, "law.final", above=self.onset)
-        super().__post_init__()
-
-    @property
-    def elastic_limit(self) -> float:
-        """The onset."""
-        return self.onset
 
     @staticmethod
     def update(stretch: float, largest: float, secant: float, onset: float, final: float) -> tuple[float, float]:
@@ -464,10 +458,6 @@ class ExponentialSoftening(BondLaw):
     def damage(secant: float) -> float:
         """What the secant has lost."""
         return 1 - secant
-
-
-def _check_onset(law: Any) -> None:
-    kinds.number(law.onset, "law.onset", above=0)
 
 
 @dataclass(frozen=True)
