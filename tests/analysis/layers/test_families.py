@@ -77,6 +77,11 @@ def test_thick_layers_rise_steadily_where_they_meet_in_space():
     rises = [steady_rise(stencil, nodes) for nodes in (2, 6, 7, 10, 11, 16, 17, 24, 25)]
     assert rises == [0.75, 0.75, 2.0, 2.0, 2.0, 2.0, None, None, None]
     assert steady_rise(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2), 40) == 0.75  # no backward waves
+
+
+@pytest.mark.slow
+def test_noise_grows_in_corners_of_thick_layers_unless_they_rise_steadily():
+    kernel = fh.Kernel(3.0)
     assert _of_noise_in_corners(kernel, 16, 2.0, 0.75, 0.5, 210.0) > 3.0
     assert _of_noise_in_corners(kernel, 16, 3.0, 2.0, 0.5, 1350.0) < 1.0
 
