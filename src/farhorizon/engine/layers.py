@@ -1,4 +1,4 @@
-"""The layers: what stretched shifts add to the sums that a sweep has made with plain shifts.
+"""The tables of layers, and how they work: stretched shifts add to the sums that a sweep has made with plain shifts.
 
 A stencil is a sum of products of shifts. Along an axis with layers the shift by one node outwards is ``v = V q``,
 

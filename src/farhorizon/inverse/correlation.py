@@ -115,11 +115,11 @@ def correlate_inertia(u, row, w, after, now, before, own, total):
 
 
 @njit(error_model="numpy", nogil=True, cache=True, fastmath={"contract"})
-def correlate_states(u, row, w, shape, offsets, gradient, alive, laws, law_of, total):
+def correlate_states(u, row, w, shape, offsets, gradient, present, laws, law_of, total):
     """Subtract from `total` (3, places) the sum over time of ``q(w) . L q(u)`` for the `laws` (kinds, 3, n, n) of unit
     moduli, of which a place has that of the number `law_of` (negative if it does not count).
 
-    The state q of a node is the sum over its K bonds that are `alive` (K, places) of `gradient` (K, n, components)
+    The state q of a node is the sum over its K bonds that are `present` (K, places) of `gradient` (K, n, components)
     times the difference of the field along them; u, row and w as in `correlate_bonds`.
     """
     bonds, states, components = gradient.shape
@@ -142,8 +142,8 @@ def correlate_states(u, row, w, shape, offsets, gradient, alive, laws, law_of, t
                         wi, wj = w[step, c, here:], w[step, c, neighbour:]
                         for a in range(states):
                             size = gradient[k, a, c]
-                            if size != 0 and alive.shape[0]:
-                                of_u, of_w, there_is = mine[a], other[a], alive[k, here:]
+                            if size != 0 and present.shape[0]:
+                                of_u, of_w, there_is = mine[a], other[a], present[k, here:]
                                 for x in range(count):
                                     of_u[x] += size * there_is[x] * (uj[x] - ui[x])
                                     of_w[x] += size * there_is[x] * (wj[x] - wi[x])

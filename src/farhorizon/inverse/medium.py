@@ -114,7 +114,7 @@ class States:
     shape3: np.ndarray
     offsets: np.ndarray
     gradient: np.ndarray
-    alive: np.ndarray
+    present: np.ndarray
     laws: np.ndarray
     law_of: np.ndarray
     total: np.ndarray
@@ -126,10 +126,10 @@ class States:
         ratio *= scale / float((states.gradient**2).sum())  # D is this multiple of the transposed G
         offsets = np.zeros((len(states.offsets), 3), np.int64)
         offsets[:, 3 - dim :] = states.offsets
-        alive = _alive(patch, setup, states.offsets, exists)
-        uncut = _alive(patch, replace(setup, cracks=()), states.offsets, exists) if states.kept else alive
+        present = _present(patch, setup, states.offsets, exists)
+        uncut = _present(patch, replace(setup, cracks=()), states.offsets, exists) if states.kept else present
         shapes = np.tensordot(uncut, states.shapes, ((0,), (0,))).round(14)  # equal but for rounding
-        odd = ~alive.all(0)
+        odd = ~present.all(0)
         kinds, numbers = np.unique(shapes[odd].reshape(-1, dim * dim), axis=0, return_inverse=True)
         every = np.concatenate([np.eye(dim)[None], kinds.reshape(-1, dim, dim)])
         laws = np.stack([states.law(every, np.tile(unit, (len(every), 1))) for unit in np.eye(3)], axis=1)
@@ -138,15 +138,17 @@ class States:
         law_of[(exists == 0) | patch.copies] = -1
         nothing = np.zeros((0, 0))
         total = np.zeros((3, patch.places))
-        return cls(patch.shape3, offsets, states.gradient, alive if odd.any() else nothing, ratio * laws, law_of, total)
+        return cls(
+            patch.shape3, offsets, states.gradient, present if odd.any() else nothing, ratio * laws, law_of, total
+        )
 
     def correlate(self, u: np.ndarray, row: int, w: np.ndarray) -> None:
         """Add the part of some steps; see `correlate_states`."""
-        given = self.shape3, self.offsets, self.gradient, self.alive, self.laws, self.law_of
+        given = self.shape3, self.offsets, self.gradient, self.present, self.laws, self.law_of
         correlate_states(u, row, w, *given, self.total)
 
 
-def _alive(patch: Patch, setup: Setup, offsets: np.ndarray, exists: np.ndarray) -> np.ndarray:
+def _present(patch: Patch, setup: Setup, offsets: np.ndarray, exists: np.ndarray) -> np.ndarray:
     """Return 1 for each bond of the places of a patch that is there, 0 for others, shape (K, places)."""
     body = exists.reshape(patch.shape)
     reach = np.abs(offsets).max(0)
