@@ -64,9 +64,8 @@ class Makes:
 
 
 class OneOf:
-    """The keys of a case file that give the parameter, one of which is used, with their types.
-
-    A named tuple stands for its fields, which are keys beside the others.
+    """The keys of a case file that give the parameter, one of which is used, with their types; the fields of a named
+    tuple are keys beside the others.
     """
 
     def __init__(self, **keys: Any) -> None:

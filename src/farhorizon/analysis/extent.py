@@ -182,10 +182,8 @@ def _profiles(lines: np.ndarray, target: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def largest(medium: Waves, datum: Datum) -> float:
-    """Estimate, from below, of the largest value that a datum causes anywhere.
-
-    A source is followed around the time when it is strongest, a velocity from the start, for as long as waves take to
-    leave; the medium is reduced to the support of the datum, and its symbol to that of long waves.
+    """Estimate, from below, of the largest value that a datum causes anywhere: of a source around its strongest time,
+    of a velocity until waves have left, in a medium reduced to the support of the datum, with the symbol of long waves.
     """
     values = np.abs(datum.values)
     if datum.kind == "u" or not values.any():

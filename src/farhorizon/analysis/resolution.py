@@ -179,10 +179,7 @@ def band(
 
 def faded(values: np.ndarray, free: Sequence[tuple[bool, bool]]) -> np.ndarray:
     """Taper a scalar field (nan counts as 0) that continues beyond the lattice towards its sides, where a jump would
-    count as short waves.
-
-    Where it ends at the low or the high side of an axis (`free`), it is replaced by the half of the lattice at that
-    side and its mirror image, whose waves are as long.
+    count as short waves; where it ends at a `free` side, replace it by the half at that side and its mirror image.
     """
     for axis, (low, high) in enumerate(free):
         along = np.nan_to_num(np.moveaxis(values, axis, -1))

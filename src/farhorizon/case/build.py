@@ -21,8 +21,8 @@ _NO_CONSTANTS = {"region", "of", "name"}  # keys of a material that are not cons
 
 def model_of(table: Any, materials: Sequence[Any], lattice: fh.Lattice) -> fh.LatticeModel:
     """The model of the table [model] on a lattice, with the constants of the tables [[material]] in their regions,
-    where later ones override earlier ones; InputError for a constant or an option that the model does not have, and a
-    region without a material or without nodes.
+    later ones over earlier ones; InputError for a constant or option that the model does not have, a region without a
+    material or nodes.
     """
     read = Reader(lattice.dim)
     if models := models_in(table):

@@ -119,11 +119,9 @@ def _kind(schema: dict[str, Any], defs: dict[str, Any]) -> str:
 
 
 def explain_keys(prefix: str, width: int = 100) -> str:
-    """Description of a key and of the keys below it, as text with `width` characters per line.
-
-    `prefix` is the first part of a dotted key or all of it, with numbers of list entries and types of tables if desired
-    ("crack[0]", "model.elastic.young", "boundary.x-"), or of an inversion file ("inversion.smooth", "shot"). If it is
-    empty, the tables of a case are listed. The InputError for an unknown key names the most similar ones.
+    """Description of a key and of the keys below it, `width` characters wide; without a prefix, of the tables of a
+    case. The prefix may have numbers of entries and types ("crack[0]", "model.elastic.young"), and be of an inversion
+    file; the InputError for an unknown key names the most similar ones.
     """
     of_inversions = re.match(r"inversion\b|shot\b", prefix)
     keys = list(_keys_of(inversion_part())) if of_inversions else all_keys()

@@ -125,10 +125,9 @@ def _value(node: ast.expr) -> Unit:
 
 
 class Units:
-    """The units in which a case gives its numbers, by the table ``[units]``: of quantities in `BASES`, and possibly one
-    of `MASS_BY` in place of the mass. `field` is the SI unit of the field u, or `ANY`.
-
-    InputError for an unknown unit, one that measures something else, or more than one that determines the mass.
+    """The units of the table ``[units]``: of quantities in `BASES`, and possibly one of `MASS_BY` in place of the mass;
+    `field` is the SI unit of u, or `ANY`. InputError for a unit that is unknown, measures something else, or determines
+    the mass again.
     """
 
     def __init__(self, given: Mapping[str, str], field: str = ANY) -> None:

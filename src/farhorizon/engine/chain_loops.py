@@ -52,11 +52,8 @@ def _add_drift(u: np.ndarray, d: np.ndarray, scaled: np.ndarray, first: int, las
 
 @njit(cache=True, error_model="numpy")
 def chain_responses(weights: np.ndarray, keep: float, scale: float, reaction: float, window: np.ndarray) -> np.ndarray:
-    """Compute the ghost values of a chain at rest of which one driver has the value 1 at step 0 only: column m for
-    driver m + 1.
-
-    `weights`, shape (2, K), are those towards the drivers and those away from them, which come first and last in u.
-    ``window[n]`` nodes of the chain are advanced to step n. Returns shape (steps + 1, K, K).
+    """Compute the ghost values (steps + 1, K, K) of a chain at rest of which one driver m + 1 has the value 1 at step 0
+    only, from the weights (2, K) towards the drivers and away from them; ``window[n]`` nodes are advanced to step n.
     """
     reach, steps = weights.shape[1], window.size - 1
     length = window.max()

@@ -25,13 +25,12 @@ def harmonic_eigenvalue(shapes: np.ndarray) -> np.ndarray:
 
 
 def stress_left(shapes: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Fraction of the stress that nodes bear after bonds have broken, shape (S,), from their shape tensors and their
-    initial `harmonic_eigenvalue`: all of it until fewer bonds are left than on a flat face, or down to the last bond if
-    `first` is 0.
+    """Fraction (S,) of the stress that nodes bear after bonds have broken, from their shape tensors and initial
+    `harmonic_eigenvalue`: all of it until fewer bonds are left than on a flat face, or with `first` 0 down to the last
+    bond.
 
-    Without this factor the last bonds of a node would bear its whole stress through the inverse of a nearly singular
-    tensor, and be stiffer than a previously stable step allows. The energy of a node falls with the factor, so that
-    energies still add up.
+    Otherwise the last bonds would bear it all through the inverse of a nearly singular tensor, stiffer than the step
+    allows. The energy of a node falls with the factor, so that energies still add up.
     """
     with np.errstate(divide="ignore"):
         return np.asarray(np.minimum(harmonic_eigenvalue(shapes) / (FACE * first), 1.0) ** 2)

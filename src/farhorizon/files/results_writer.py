@@ -149,10 +149,9 @@ class ResultsWriter:
         records: int | None = None,
         recorded: Mapping[str, int] | None = None,
     ) -> ResultsWriter:
-        """Resume a results file after its first outputs; what was appended later is cut off.
-
-        A checkpoint says how many history rows, probe records and rows of each recorder are kept; unless given, those
-        that existed when the last kept output was appended. A file that holds fewer is refused.
+        """Resume a results file after its first outputs, and cut off the rest; how many history rows, probe records and
+        rows of recorders are kept follows from the last of these outputs unless given. A file that holds fewer is
+        refused.
         """
         path = Path(path)
         if min(outputs, rows or 0, records or 0) < 0:
@@ -203,11 +202,9 @@ class ResultsWriter:
         balance: Mapping[str, float] | None = None,
         cautions: Sequence[Caution] = (),
     ) -> None:
-        """Append one output and, with an energy or a balance, a row of the history.
-
-        It has every field of the file (none if it is in parts), of the lattice shape, of vectors with the components
-        first; nan (outside a window) stays nan. A balance has every entry of the file; others are ignored. The cautions
-        are all so far.
+        """Append one output, with every field of the file (components first, nan outside a window), and with an energy
+        or a balance a row of the history; entries of the balance that the file lacks are ignored. The cautions are all
+        so far.
         """
         self._check(step, fields)
         n, rows = self.outputs, self.rows

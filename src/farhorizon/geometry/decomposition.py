@@ -60,9 +60,8 @@ class Decomposition:
         ]
 
     def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int], edges: bool = True) -> list[int]:
-        """Number of nodes whose values a process sends to others in each exchange, along each axis, the last of which
-        is exchanged first; with `edges` later axes send the halos of earlier ones along. `more` are nodes beyond the
-        outer sides.
+        """Number of nodes whose values a process sends in each exchange along each axis, of which the last is first;
+        with `edges` later axes send earlier halos along. `more` are nodes beyond the outer sides.
         """
         sizes, neighbours, sent = self.size(number, more), self.neighbours(number), [0] * len(reach)
         for axis in (len(reach) - 1, *range(len(reach) - 1)):

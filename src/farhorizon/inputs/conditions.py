@@ -360,14 +360,11 @@ def resolve(
     gather: Gather = alone,
     stencil: Stencil | None = None,
 ) -> Conditions:
-    """Return the tables of all conditions on the lattice, or on the part of it that belongs to this process.
-
-    `background` is the value from which those of the field are counted. `gather` returns the values of all processes,
-    given that of this one. The bonds of `stencil`, those to the nearest nodes unless given, bear what passes through
-    the surface of a region. Raises InputError for anything but a condition, a side or a shape of another dimension, no
-    node, two conditions on one node that contradict each other, a body too thin for a layer, a flux into a part one
-    node wide, values of a wrong shape or not finite; nodes of a layer that are not in the same part as those from which
-    they follow.
+    """Return the tables of all conditions on the lattice, or on the part of it that belongs to this process, counted
+    from a `background`; `gather` returns the values of all processes. The bonds of `stencil`, those to the nearest
+    nodes unless given, bear what passes through the surface of a region. Raises InputError for what is no condition,
+    has another dimension or shape, no node, or not finite values; for contradictions on a node; for bodies too thin;
+    and for nodes in another part than those from which they follow.
     """
     held: list[_Held] = []
     face: _Face | _RegionSurface
@@ -464,8 +461,7 @@ class _Held:
 
 class _Face:
     """The outermost nodes of a body on one side: for each line along the axis that meets the part of the lattice, the
-    first node, the thickness of the body there, and the position of the wall. Nodes are identified by their flat
-    indices in the whole lattice.
+    first node (a flat index in the whole lattice), the thickness of the body there, and the position of the wall.
     """
 
     def __init__(self, name: str, subdomain: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
@@ -859,11 +855,9 @@ def _refuse_heated(
 
 
 def _join(out: Conditions, held_nodes: Sequence[_Held], lattice: Lattice) -> None:
-    """Join all conditions into one table: plain values first, then nodes that follow from others, axis by axis.
-
-    A node with two conditions must get the same number from both. Only in the edges and corners where layers of
-    different axes meet does one take precedence: a plain value, otherwise the layer of the later axis, which reads that
-    of the earlier one (the mirror image of a mirror image).
+    """Join all conditions into one table: plain values first, then nodes that follow from others, axis by axis. A node
+    with two conditions must get the same number from both, except where layers of different axes meet: a plain value
+    counts, otherwise the layer of the later axis, which reads that of the earlier one.
     """
     if not held_nodes:
         return

@@ -97,9 +97,8 @@ def as_cut(crack: Any, dim: int) -> Cut:
 def cut_bonds(
     cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...], offsets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bonds of a lattice that a crack cuts: the indices of their first nodes, shape (n, dim), and the
-    numbers of their offsets, shape (n,); both directions of a bond are listed. `lower` are the coordinates of the first
-    node.
+    """Return the bonds of a lattice, with its first node at `lower`, that a crack cuts, in both directions: indices of
+    their first nodes (n, dim), and numbers of their offsets (n,).
     """
     reach = np.abs(offsets).max(0)
     low, high = (np.asarray(b, float) for b in cut.bounds())

@@ -400,13 +400,9 @@ def function_of(text: str, names: Sequence[str], key: str) -> Callable[..., NDAr
 
 
 def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
-    """Return what a user gives for a function of space and time, or a list with one entry per component, with every
-    text turned into an `Expression` of the lattice's coordinates; what is neither text nor expression is returned as it
-    is.
-
-    Raises InputError for a text that is not an expression of these coordinates; unless it may depend on `time`, for an
-    expression of t or a function of arguments other than the coordinates; and for a value that is not made of real
-    numbers.
+    """Return what a user gives for a function of space and time, or a list with one entry per component, with texts as
+    `Expression` of the lattice's coordinates. Raises InputError for a text that is not one, or depends on t where no
+    `time` may occur, a function of other arguments, and values that are not real numbers.
     """
     if isinstance(value, list | tuple) and not all(isinstance(part, Real) for part in value):
         entries = [as_given(part, dim, f"{key}[{i}]", time=time) for i, part in enumerate(value)]
@@ -431,9 +427,8 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
 
 
 def as_signal(value: Any, key: str) -> Any:
-    """Return what a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a
-    callable as it is; raises InputError for a text that is not an expression of t, a callable with another number of
-    arguments, and anything else but a number.
+    """Return what a user gives for a function of t alone, a text, an expression or a number as an `Expression`, a
+    callable as it is; raises InputError for anything else.
     """
     if isinstance(value, str | Expression):
         try:

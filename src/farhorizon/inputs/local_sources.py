@@ -76,10 +76,9 @@ def spread(
     derivative: int | None = None,
     moving: int | None = None,
 ) -> np.ndarray:
-    """Return densities on the nodes whose integral over all cells is the sum of the `amounts`, shape (n,), at points,
-    shape (n, dim). If they move along an axis, `derivative`, it is the change of the densities per length, as in the
-    derivative of the field; if also along `moving`, the change of that, exact for the weights. Raises InputError as
-    `farhorizon.geometry.interpolation.interpolation_blocks`.
+    """Return densities on the nodes whose integral is the sum of the `amounts` (n,) at points (n, dim), or their
+    changes per length as these move along an axis, `derivative`, and along `moving`, exact for the weights. Raises
+    InputError as `farhorizon.geometry.interpolation.interpolation_blocks`.
     """
     density = np.zeros(int(np.prod(lattice.shape)))
     for start in range(0, len(points), _AT_ONCE):

@@ -128,12 +128,10 @@ def pressing_force(
     periodic: Mapping[int, bool],
     key: str = "load",
 ) -> np.ndarray:
-    """Return the force per volume of a pressure on the nodes of a lattice, or of a part of it, without its factor of
-    time; shape (dim, *lattice.shape).
-
-    `model` is that of the reference medium where the medium varies, and `cracks` are all those of the set-up. Raises
-    InputError for a medium without bonds that may be absent; bonds across the crack, or nodes in the hole, that exist;
-    a face or a rim that no absent bond crosses; and a tensor of another dimension.
+    """Return the force per volume (dim, *lattice.shape) of a pressure on the nodes of a lattice, or of a part of it,
+    without its factor of time; `model` is the reference medium, `cracks` all of the set-up. Raises InputError for bonds
+    that cannot be absent, exist across the crack or in the hole, a face or rim that none crosses, and a tensor of
+    another dimension.
     """
     spacing, dim = lattice.spacing, lattice.dim
     if not model.cuttable:
@@ -165,12 +163,9 @@ def pressing_force(
 
 
 def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """Return the forces of the bonds of a lattice under a uniform symmetric stress: force densities times the spacing,
-    shape (K, dim). `of_strains`, shape (K, dim, dim, dim), is the force of each bond for each entry of a displacement
-    gradient.
-
-    Forces ``f_k`` of bonds ``xi_k`` amount to a stress ``sum_k f_k xi_k / 2``. The strain is chosen for this stress, so
-    that flat faces along the lattice carry exactly the given one, whatever the stencil.
+    """Return the forces of the bonds under a uniform symmetric stress, force densities times the spacing, (K, dim),
+    from those for each entry of a displacement gradient, (K, dim, dim, dim). The strain is chosen such that ``sum_k f_k
+    xi_k / 2`` is the stress: flat faces along the lattice carry exactly the given one.
     """
     dim = offsets.shape[1]
     pairs = list(itertools.combinations_with_replacement(range(dim), 2))

@@ -66,9 +66,9 @@ def steady(t: float) -> float:
 
 
 def as_source(source: Any, dim: int, key: str) -> Any:
-    """Return a source, or a value that is given like one, with every text turned into an `Expression` of the lattice's
-    coordinates; raises InputError for a text that is not an expression, and a function of arguments other than the
-    coordinates and t, or, where there is a factor of time, other than the coordinates.
+    """Return a source, or a value that is given like one, with texts as `Expression` of the lattice's coordinates;
+    raises InputError for a text that is not one, and a function of other arguments than these and, without a factor of
+    time, t.
     """
     value, timed = (source.value, source.time is not None) if isinstance(source, Source) else (source, False)
     parsed = as_given(value, dim, key)

@@ -84,9 +84,9 @@ def check_held(any_node: bool, key: str) -> None:
 def place(
     specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the solid nodes and the concentration on them, zero in the liquid, both of the lattice's shape. Raises
-    InputError for anything but a specimen, one without nodes, two different ones on one node, and a saturation that is
-    not between the concentrations of the liquid far away, `background`, and of each specimen.
+    """Return the solid nodes and the concentration on them, zero in the liquid. Raises InputError for what is no
+    specimen or has no nodes, two different ones on a node, and a saturation not between that of the liquid far away,
+    `background`, and of each specimen.
     """
     solid, concentration = np.zeros(lattice.shape, bool), np.zeros(lattice.shape)
     for number, specimen in enumerate(specimens):

@@ -66,10 +66,8 @@ def _use_decades(axes: Any, values: Sequence[np.ndarray], decades: int) -> None:
 def error_history(
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str | Path, ylabel: str, title: str, *, xlabel: str = "t"
 ) -> None:
-    """Draw errors over time (times and errors by name of the boundary) on a logarithmic axis.
-
-    Where an error is zero the line has a gap. Curves that are zero everywhere, and curves that become infinite, are
-    marked in the legend.
+    """Draw errors over time, by name of the boundary, on a logarithmic axis with gaps at zero; curves that are zero
+    everywhere or become infinite are marked in the legend.
     """
     if not curves:
         raise InputError("a picture of errors needs one curve or more")

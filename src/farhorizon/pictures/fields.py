@@ -165,11 +165,8 @@ def field_table(
     path: str | Path,
     look: Look = PLAIN,
 ) -> None:
-    """Draw 2D fields as a table of images: fields (of one column each, fewer if a run ended early) to compare side by
-    side, times one below the other.
-
-    Each row has one colour scale, which reaches at most five times the largest value of the first column; larger values
-    have the colour of its end.
+    """Draw 2D fields as a table of images: fields (fewer times if a run ended early) side by side, times one below the
+    other, each row with one colour scale up to at most five times the largest value of the first column.
     """
     if not rows or not columns or len(columns[0][1]) < len(rows):
         given = f"{len(rows)} rows, {len(columns)} columns"
@@ -227,8 +224,7 @@ def front(
     dissolved: np.ndarray, axes: Axes, path: str | Path, look: Look = PLAIN, outside: np.ndarray | None = None
 ) -> None:
     """Draw the dissolution of metal in 2D or on a slice in 3D: the time at which each node became liquid (nan in the
-    metal, 0 where there was liquid from the start), fronts at evenly spaced times, and the remaining metal; nodes
-    `outside` a window are left blank.
+    metal), fronts at even times, and the remaining metal; nodes `outside` a window are blank.
     """
     from matplotlib.colors import ListedColormap
 

@@ -55,10 +55,8 @@ class Film:
 
 
 def made_film(frames: Sequence[Panel], axes: Axes, format: str = "gif", look: Look = PLAIN) -> Film:
-    """A film of frames as in `field_panels`, all on the same scale; ImportError without the encoder of MP4.
-
-    Unless limits are given, the scale of images reaches up to the median of the largest values of the frames, and at
-    least to a fifth of the largest of all, so that a wave that leaves remains visible to the end.
+    """A film of frames as in `field_panels`, on one scale, unless given up to the median of their largest values and at
+    least a fifth of the largest, so that a wave that leaves remains visible; ImportError without the encoder of MP4.
     """
     if len(frames) < 2:
         raise InputError(

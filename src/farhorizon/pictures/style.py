@@ -168,11 +168,9 @@ def reach(field: np.ndarray) -> float:
 
 
 def color_range(fields: Sequence[np.ndarray], signed: bool | None = None, usual: bool = False) -> dict[str, Any]:
-    """Colour map and limits for several fields: symmetric and diverging if they have both signs, otherwise sequential;
-    with `usual`, limited to what more than a few nodes `reach`.
-
-    Negative values smaller than a hundredth of the largest value count as undershoot rather than as a sign, unless
-    `signed` is given.
+    """Colour map and limits for several fields: diverging if they have both signs (negative values below a hundredth of
+    the largest are undershoot unless `signed`), otherwise sequential; with `usual`, limited to what more than a few
+    nodes `reach`.
     """
     values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)

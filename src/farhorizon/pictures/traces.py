@@ -105,10 +105,8 @@ def polar_picture(
     path: str | Path | None,
     label: str = "",
 ) -> Any:
-    """Draw the levels (frequencies, n) of each wave over directions (n, dim), which are unit vectors, with one line per
-    wave and one panel for each of up to four frequencies, and return the figure.
-
-    In 3D there is one row of panels for each of the planes xy, yz and zx that contains directions.
+    """Draw the levels (frequencies, n) of each wave over directions (n, dim), a line per wave and a panel for each of
+    up to four frequencies, in 3D in a row for each coordinate plane that contains directions; return the figure.
     """
     planes = [(plane, within) for plane in _PLANES if (within := _within(directions, plane)).size]
     drawn = _some(len(frequencies), _MOST_FREQUENCIES)
@@ -144,9 +142,8 @@ def _within(directions: np.ndarray, plane: tuple[int, int]) -> np.ndarray:
 
 
 def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
-    """Name and values of the positions of points along a line; the numbers of the points if they do not lie on one.
-
-    For a line along an axis the position is the coordinate, otherwise the distance from the first point.
+    """Name and values of the positions of points along a line, coordinates or distances from the first; the numbers of
+    the points if they do not lie on one.
     """
     numbers = np.arange(len(points), dtype=float)
     apart = points - points[0]

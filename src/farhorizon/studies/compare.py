@@ -130,12 +130,9 @@ def compare(
     shown: float | None = None,
     beside: bool = True,
 ) -> Comparison:
-    """Run a set-up (or arguments of `Simulation`) and the infinite medium, at the same time step; with `beside` also
-    the set-up with a fixed and with a free edge, and in one dimension with the other absorber.
-
-    The edges lie where the near field ends: at the absorbing sides, or on the outline of a window. Unless given, the
-    comparison is at 40 even times, and the fields of a picture are those at which the smaller of the field of the
-    medium and the largest error is largest, so that it shows both.
+    """Run a set-up and the infinite medium at the same time step, at 40 even times unless given; with `beside` also
+    with a fixed and a free edge where the near field ends, and in one dimension with the other absorber. Fields are
+    shown when the smaller of the field of the medium and the largest error is largest.
     """
     moments = _moments(until, times)
     if not isinstance(setup, Setup):

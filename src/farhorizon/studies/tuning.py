@@ -204,8 +204,7 @@ def _candidates(sim: Simulation, given: PlaneWave | Higdon) -> Iterator[PlaneWav
 
 def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float, band: tuple[float, float]) -> float:
     """Largest amplitude that a flat side along the lattice reflects of plane waves of amplitude 1, up to an angle in
-    degrees, between the shortest and the longest wavelength of a band. InputError if no wave reaches the side, or the
-    condition is not applicable to it.
+    degrees, between the wavelengths of a band. InputError if no wave reaches the side, or the condition does not apply.
     """
     rows = _flat_rows(sim, boundary)
     spacing = sim.lattice.spacing

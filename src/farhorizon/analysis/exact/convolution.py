@@ -14,11 +14,10 @@ class BlockConvolution:
     """``sum over a = 1 .. n of kernel[a] x[n - a]`` for a kernel (steps + 1, K, M) while the samples x arrive, at a
     cost of steps log^2 steps; with `block` None by the direct sum.
 
-    Steps are counted in blocks. Within a block the caller adds the products with the block's own samples, ``kernel[1]
-    .. kernel[block - 1]``, from `head`, shape (block, K, M); the contribution of all earlier blocks is in `past`. At
-    the end of block n the last L blocks of samples, L the largest power of two that divides n, act by FFT on the next L
-    blocks of steps (Hairer, Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps
-    occurs once and nothing is approximated.
+    Within a block of steps the caller adds the products with the block's own samples from `head` (block, K, M); the
+    contribution of all earlier blocks is in `past`. At the end of block n the last L blocks of samples, L the largest
+    power of two that divides n, act by FFT on the next L (Hairer, Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6
+    (1985) 532): nothing is approximated.
     """
 
     def __init__(self, kernel: np.ndarray, block: int | None = 64) -> None:

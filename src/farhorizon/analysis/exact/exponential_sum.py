@@ -182,11 +182,9 @@ def force_error(kernel: np.ndarray, approximation: ExponentialSum, lags: np.ndar
 @one_blas_thread()
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
     """The shortest sum of exponentials of at most `most` modes whose `ExponentialSum.error` meets a tolerance, or the
-    best one if none does; an InputError for a force kernel (`chain.force_form`) that is not symmetric or too short.
-
-    `band` is the largest angle per step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as
-    sparsely as this allows. Too few samples do not determine the poles: for a run of less than a hundred steps, compute
-    the kernel for a hundred or more.
+    best one; an InputError for a force kernel (`chain.force_form`) that is not symmetric or too short. It is sampled as
+    sparsely as its oscillations allow, whose largest angle per step is `band`; less than a hundred steps do not
+    determine the poles.
     """
     steps = len(kernel) - 1
     if (

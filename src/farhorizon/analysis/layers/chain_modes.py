@@ -79,11 +79,9 @@ def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np
 def chain_modes(
     weights: np.ndarray, factor: complex, recursion: Recursion, near: complex, polarisation: np.ndarray | None = None
 ) -> Modes:
-    """All modes for weights as from `chain_weights`, times coefficient / spacing^2; the incoming one is the wave whose
-    factor per node is nearest to `near`, for vectors among those of nearly the given polarisation (d,).
-
-    If that wave leaves the side (a backward wave), its mirror image comes. If no wave comes to the side, this is an
-    InputError.
+    """All modes for weights as from `chain_weights`, times coefficient / spacing^2; the incoming one, or the mirror
+    image of one that leaves, has the factor per node nearest to `near`, for vectors among those of nearly the given
+    polarisation (d,). An InputError if no wave comes to the side.
     """
     blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
     roots, vectors = chain_roots(blocks, complex(recursion.eigenvalue(np.array(factor))))

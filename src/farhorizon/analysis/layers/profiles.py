@@ -116,10 +116,8 @@ def crowded(stencil: Stencil) -> bool:
 
 def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: np.ndarray) -> float:
     """Logarithm of the largest factor by which a mode of low frequency grows inside a layer, from the stretch of its
-    edges, (columns + 1,), with sigma and alpha in units of speed over spacing.
-
-    The stencil's first axis is the normal. The components of a vector are treated separately: long waves along the side
-    hardly couple them.
+    edges, (columns + 1,), in units of speed over spacing, for a stencil whose first axis is the normal. Components are
+    treated separately: long waves along the side hardly couple them.
     """
     largest = 0.0
     for frequency, roots in _evanescent_modes(stencil):

@@ -45,11 +45,9 @@ def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
 
 class InfiniteLattice:
     """States of the scheme on the infinite lattice after up to `last` steps, for initial values u (less the background)
-    and v that vanish outside a box; for vectors the components come first.
-
-    The update is diagonal in Fourier space; the periodic box is so large that nothing that wraps around returns in time
-    (waves) or exceeds rounding (diffusion); an InputError if it does not fit into memory. `rate` is the factor on the
-    stencil, ``coefficient / spacing^2``.
+    and v, components first, that vanish outside a box; `rate` is ``coefficient / spacing^2``. The update is diagonal in
+    Fourier space, on a periodic box so large that nothing returns in time or exceeds rounding; an InputError if it does
+    not fit into memory.
     """
 
     def __init__(

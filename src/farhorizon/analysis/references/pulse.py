@@ -88,28 +88,12 @@ def check_lost(lost: float, limit: float) -> None:
 
 class PlanePulse:
     """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and
-    of velocity Verlet.
+    of velocity Verlet, for the M frequencies of a signal that is zero outside 0 to `duration`; an InputError for a
+    signal that is not finite, or has frequencies that the lattice does not carry (`lost` is their part).
 
-    At x0 it is the signal, a function of t that is zero outside 0 to `duration`, to rounding. For vectors it is the
-    signal times the polarisation, except for the part of the latter that belongs to waves of the other type, since on a
-    lattice P and S waves are polarised only approximately along and across the direction. It is periodic with `period`,
-    by default the time in which all significant waves pass `distance`. An InputError for a signal that is not finite,
-    or has frequencies that the lattice does not carry.
-
-    Parameters
-    ----------
-    stencil : Stencil, scaled by ``coefficient / spacing^2``
-    direction : (dim,), unit vector n
-    polarisation : (dim,) or None, unit vector of the displacement of vectors: along the direction for P waves, else at
-        right angles to it
-
-    Attributes
-    ----------
-    frequencies, wavenumbers, amplitudes : (M,)
-    polarisations : (M, components)
-    speed : group speed of the longest wave
-    lost : part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is
-        left out
+    At x0 it is the signal; for vectors times the polarisation, along the direction for P waves, except for the part of
+    the latter that belongs to waves of the other type, since on a lattice waves are polarised only approximately along
+    and across. It is periodic with `period`, by default the time in which all significant waves pass `distance`.
     """
 
     def __init__(
@@ -185,10 +169,8 @@ class TravellingWaves:
     spacing: float
 
     def at(self, places: np.ndarray, rows: np.ndarray | None = None) -> Callable[[float], np.ndarray]:
-        """The displacement at places s, shape (n,), and rows, by default the first: a function of t with values of
-        shape (components, n); an InputError if the waves do not fit into memory.
-
-        If there are many places, the waves are summed on a line of points, and interpolated.
+        """The displacement at places s (n,) and rows, by default the first: a function of t with values (components,
+        n). Many places are interpolated from a line of points; an InputError if the waves do not fit into memory.
         """
         from scipy import sparse
 
@@ -242,11 +224,9 @@ def _count(polarisation: np.ndarray | None, direction: np.ndarray) -> int:
 
 
 class _Branch:
-    """One branch of the symbol along a direction, from k = 0 to where its waves become slow; `most` is the root of its
-    largest value.
-
-    For vectors it is the P wave, whose displacement is most nearly along the direction, or one of the others, by
-    `number` in the order of their frequencies.
+    """One branch of the symbol along a direction, from k = 0 to where its waves become slow, `most` the root of its
+    largest value: for vectors the P wave, most nearly along the direction, or a `number` of the others in the order of
+    their frequencies.
     """
 
     def __init__(self, stencil: Stencil, direction: np.ndarray, polarisation: np.ndarray | None, number: int) -> None:

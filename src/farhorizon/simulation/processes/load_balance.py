@@ -115,10 +115,8 @@ def _uneven(
 def cost_along(
     setup: Setup, model: LatticeModel, beyond: Mapping[Key, float], group: ProcessGroup = ALONE
 ) -> list[np.ndarray]:
-    """Return, for each axis, the work of the nodes at each place along it relative to that of as many plain nodes.
-
-    Included are the nodes `beyond` the sides of the other axes, in nodes along their axes. Each process examines a box
-    of the lattice.
+    """Return, for each axis, the work of the nodes at each place along it relative to that of as many plain nodes, with
+    those `beyond` the sides of the other axes; each process examines a box.
     """
     lattice, shape = setup.lattice, setup.lattice.shape
     boxes = decompose(shape, group.size, model.medium(lattice.spacing, lattice.dim).reach, {}, frozenset())

@@ -68,10 +68,8 @@ def medium_outside(parts: RunParts) -> Scheme:
 
 
 def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and last indices of the nodes in a box, or in the widest possible one if none is given.
-
-    Raises InputError if the box has another dimension, is nearer to a side of the near field than one reach, or is so
-    small that nothing lies one reach inside its faces.
+    """Return the first and last indices of the nodes in a box, by default the widest possible one; raises InputError
+    for another dimension, a side nearer than one reach, or a box without nodes one reach inside its faces.
     """
     margin, spacing = np.array(reach), lattice.spacing
     first, last = margin, np.array(lattice.shape) - 1 - margin

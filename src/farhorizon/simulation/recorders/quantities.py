@@ -186,12 +186,9 @@ def shown_fields(run: Any, name: str) -> dict[str, np.ndarray]:
 
 
 def nodal_stress(run: Any) -> dict[str, np.ndarray]:
-    """Return the components of the stress at the nodes, and the von Mises stress, by name; nan where undefined, as at
-    broken bonds and across a body one node thick. All processes must call it.
-
-    It is defined as receivers define it at points: central differences of u and the moduli of each node. Differences
-    are one-sided at edges and holes, and next to open cracks; nodes with broken bonds are left out. In two dimensions
-    the components are those in the plane; the von Mises stress includes the normal stress across it.
+    """Return the components of the stress at the nodes, in 2D those in the plane, and the von Mises stress, by name;
+    nan at broken bonds and across a body one node thick. As at points: central differences of u, one-sided at edges,
+    holes and open cracks, and the moduli of each node. All processes must call it.
     """
     near, lattice = run.parts.near, run.lattice
     check_lossless(near.model, STRESS, "the displacements")

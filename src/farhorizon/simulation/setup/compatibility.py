@@ -195,9 +195,8 @@ def check_variation(model: LatticeModel, sides: Sides, variation: Variation, ste
 
 
 def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
-    """Refuse a material, or a body, that varies along the normal within one reach of a side whose nodes stretch
-    derivatives: the nodes of the near field just before it take part in the absorption. Before other layers the medium
-    is continued for one reach as it is at the edge.
+    """Refuse a material or body that varies along the normal within one reach of a side whose nodes stretch
+    derivatives: the nodes just before it take part in the absorption.
     """
     stretched = [key for key, boundary in sides.items() if boundary.derivatives]
     if not stretched:
@@ -223,9 +222,8 @@ def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
 
 
 def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
-    """Refuse what fields of several components and media with a reaction do not support, integrators that conditions
-    along an outline do not support, and a near field that is thinner than the stencil. Along periodic axes it may be
-    thinner: there the stencil may wrap around several times.
+    """Refuse what fields of several components, media with a reaction, and integrators with outline conditions do not
+    support, and a near field thinner than the stencil, except along periodic axes, where that may wrap around.
     """
     if stencil.components > 1:
         _check_vector(setup, sides)

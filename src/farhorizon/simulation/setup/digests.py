@@ -20,11 +20,8 @@ _ATOMS = (type(None), bool, int, float, complex, str, bytes, PurePath)
 
 
 def digest_of(value: Any) -> bytes:
-    """Digest of a value.
-
-    Objects are digested by the arguments of their constructor, others by their attributes, functions by their code and
-    the values that it refers to. Objects of the standard library, and runs, whose parts differ between processes, are
-    digested by their type alone.
+    """Digest of a value: of objects by the arguments of their constructor or their attributes, of functions by their
+    code and the values that it refers to, of the standard library and runs by their type alone.
     """
     return _Digests().of(value)
 

@@ -50,9 +50,9 @@ def remade_setup(setup: Setup, resolved: Setup, parts: RunParts, changes: Mappin
 
 
 def shortened_setup(setup: Setup, resolved: Setup, parts: RunParts) -> Setup | None:
-    """Return a set-up at rest in which stretches of equal planes of a medium that varies are shortened to what a node
-    interacts with, so that every pair of adjoining media remains; None where this saves less than half of the nodes, or
-    where there are bodies, cracks, conditions or regions of another quality.
+    """Return a set-up at rest in which stretches of equal planes are shortened to what a node interacts with, so that
+    all pairs of adjoining media remain; None with bodies, cracks, conditions or regions of another quality, and
+    where less than half of the nodes are saved.
     """
     near = parts.near
     special = setup.cracks or setup.constraints or setup.specimens or near.lattice.mask is not None

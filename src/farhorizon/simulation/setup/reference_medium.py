@@ -120,9 +120,8 @@ def constants_of(setup: Setup) -> dict[str, np.ndarray]:
 
 
 def node_factor(setup: Setup) -> np.ndarray | None:
-    """Return the given factor on bonds at each node; None if none is given. Raises InputError if it is negative.
-
-    Beyond a fixed rim it is that of the nearest node of the body, because bonds lead there.
+    """Return the given factor on bonds at each node, beyond a fixed rim that of the nearest node of the body; None if
+    none is given. Raises InputError if it is negative.
     """
     if setup.coefficient is None:
         return None

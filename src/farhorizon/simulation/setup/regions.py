@@ -25,11 +25,8 @@ def uneven(run: Any) -> dict[str, np.ndarray]:
 
 
 def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
-    """Return the regions of a run, after `named` materials; None where one medium fills the box, and on all processes
-    but the first.
-
-    Regions are numbered by size: region 0 has the most nodes. A constant with more than 256 values, such as a random
-    one or one that grows with depth, defines no regions.
+    """Return the regions of a run by size, the largest first, after `named` materials; None where one medium fills the
+    box, and on all processes but the first. A constant with more than 256 values defines none.
     """
     shape, hidden, team = run.lattice.shape, run.parts.near.hidden, run.team
     exists = np.ones(shape, bool) if hidden is None else ~hidden

@@ -78,10 +78,9 @@ class SteadyState:
 
     @classmethod
     def of(cls, run: Running, tolerance: float | None, limit: float | None) -> SteadyState:
-        """Return the criterion for a run, from its present state on. It continues the one by which the run has been
-        judged so far, also before a checkpoint, if it is the same. The tolerance is 1e-3, and the limit a hundred times
-        the time that the slowest wave takes to cross the near field, unless given. Raises InputError if the loads still
-        change near the latest end.
+        """Return the criterion for a run, or continue the same one by which it has been judged so far. The tolerance is
+        1e-3 and the limit a hundred crossings of the slowest wave unless given; raises InputError if loads still change
+        near the latest end.
         """
         tolerance = TOLERANCE if tolerance is None else kinds.number(tolerance, "run.tolerance", above=0, below=1)
         window = run.resting.slow_crossing
