@@ -6,7 +6,6 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.files.records import Recorded
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, Window
 from farhorizon.simulation.setup.setup import Setup
@@ -60,15 +59,9 @@ class Impacts(RowRecorder):
         super().__init__(name)
         self.every = kinds.integer(every, "impacts.every", least=1)
         self.points = np.zeros((0, 1))
-        self._labels: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Impacts(every={self.every})"
-
-    @property
-    def recorded(self) -> Recorded:
-        """The recorded data, independent of the run."""
-        return Recorded(self.name, self.points, self.times, self.data, labels=self._labels)
 
     def begin(self, setup: Setup, parts: RunParts) -> RecordRequest:
         if parts.impactors is None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
-from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.recorder import Arrays, RecordRequest, RowRecorder, StepValues, Window
@@ -82,15 +81,9 @@ class Reaction(RowRecorder):
         self.region = None if region is None else kinds.instance(region, "reaction.region", Shape, "a shape")
         self.every = kinds.integer(every, "reaction.every", least=1)
         self.points = np.zeros((0, 1))
-        self._labels: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Reaction({'each constraint' if self.region is None else self.region!r}, every={self.every})"
-
-    @property
-    def recorded(self) -> Recorded:
-        """The recorded data, independent of the run."""
-        return Recorded(self.name, self.points, self.times, self.data, labels=self._labels)
 
     # --- in a run ----------------------------------------------------------------------------------------------
 

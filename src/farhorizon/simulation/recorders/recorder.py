@@ -200,6 +200,7 @@ class RowRecorder(LinearRecorder, offered=False):
     resting = False  # rows are states of equilibrium, which the steps before and after have, too
     unbroken = False  # there is a row for every step: the first step then determines all of them
     _last_key = "last"  # name of the last values in the state
+    _labels: tuple[str, ...] = ()  # what the points stand for, if they are no places at which values are read
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -229,7 +230,7 @@ class RowRecorder(LinearRecorder, offered=False):
     @property
     def recorded(self) -> Recorded:
         """The recorded data, independent of the run: it writes tables and arrays, and ObsPy traces."""
-        return Recorded(self.name, self.points, self.times, self.data)
+        return Recorded(self.name, self.points, self.times, self.data, labels=self._labels)
 
     def forget(self) -> None:
         """Discard the rows recorded so far."""
