@@ -46,7 +46,6 @@ import numpy as np
 from common import bare_engine, interleaved, median, ratio, run_parts, steps, verdict
 from llvmlite import ir
 from numba import njit, types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from farhorizon import (
@@ -69,6 +68,7 @@ from farhorizon import (
 )
 from farhorizon.analysis.references.infinite_lattice import InfiniteLattice
 from farhorizon.engine.bonds import DAMAGED
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.vectors import I64, Vectors
 from farhorizon.engine.engine import Engine, Zone, available_threads
 

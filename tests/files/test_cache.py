@@ -2,15 +2,20 @@
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from collections import namedtuple
 from types import ModuleType
 
+import numba
 import numpy as np
 import pytest
 
-from farhorizon.engine.codegen import build
+from farhorizon.engine import chain_loops
+from farhorizon.engine.codegen import build, numba_internals
+from farhorizon.engine.codegen.compiled import njit
 from farhorizon.files import cache
 
 MODULE = """
@@ -44,8 +49,9 @@ def loaded(path):
     return sum(module.double.stats.cache_hits.values()) + module.triple.cache_hits
 
 
-def test_damaged_machine_code_is_compiled_again(tmp_path):
+def test_damaged_machine_code_is_compiled_again(tmp_path, monkeypatch):
     """A flipped bit, a truncated, an empty or a missing file: compiled again, once."""
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     path = tmp_path / "compiled_here.py"
     path.write_text(MODULE)
     assert (loaded(path), loaded(path)) == (0, 2)
@@ -62,6 +68,7 @@ def test_damaged_machine_code_is_compiled_again(tmp_path):
 
 def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monkeypatch):
     """Another version of the program may have left such code."""
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     path = tmp_path / "compiled_before.py"
     path.write_text(MODULE.replace("2 * x", "x[0]"))
     before = ModuleType("types_of_before")
@@ -74,6 +81,7 @@ def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monk
 
 def test_machine_code_of_fields_in_another_order_is_compiled_again(tmp_path, monkeypatch):
     """Their types are the same, and the class has the same name."""
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     path = tmp_path / "compiled_in_order.py"
     path.write_text(MODULE.replace("2 * x", "x[1].a"))
     for fields, expected in (("a b", 0), ("a b", 1), ("b a", 0), ("b a", 1)):
@@ -88,7 +96,7 @@ def test_machine_code_of_fields_in_another_order_is_compiled_again(tmp_path, mon
 #: Waits as if the function took long to compile, and reports that it was compiled.
 SLOWLY = """
 import sys, time
-from numba.core.ccallback import CFunc
+from farhorizon.engine.codegen.numba_internals import CFunc
 compile_it = CFunc._compile_uncached
 
 def slowly(self):
@@ -103,7 +111,8 @@ assert compiled_together.triple.ctypes(2.0) == 6.0
 """
 
 
-def test_of_processes_that_start_together_one_compiles(tmp_path):
+def test_of_processes_that_start_together_one_compiles(tmp_path, monkeypatch):
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     (tmp_path / "compiled_together.py").write_text(MODULE)
     command = [sys.executable, "-c", SLOWLY, str(tmp_path)]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
@@ -112,11 +121,48 @@ def test_of_processes_that_start_together_one_compiles(tmp_path):
     assert not list((tmp_path / "__pycache__").glob("*.lock"))
 
 
+def test_all_that_is_internal_to_numba_is_in_one_module():
+    """What a release of Numba may change is looked for there alone, and everything used of it is checked at import."""
+    internals = cache.Path(numba_internals.__file__)
+    known = {owner.__name__.split(".")[-1]: names for owner, names in numba_internals.USED.items()}
+    for file in cache.Path(build.__file__).parents[2].rglob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        if file != internals:
+            assert not re.findall(r"^\s*(?:from|import) numba\.(?!extending)", text, re.MULTILINE), file.name
+            for module in ("cgutils", "sigutils", "arrayobj"):
+                assert set(re.findall(rf"\b{module}\.(\w+)", text)) <= set(known[module]), file.name
+    project = tomllib.loads((internals.parents[4] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"numba>={numba_internals.FIRST},<{numba_internals.UNTRIED}" in project["dependencies"]
+
+
+def test_a_version_of_numba_without_them_is_named(monkeypatch):
+    monkeypatch.delattr(numba_internals.cgutils, "for_range")
+    with pytest.raises(ImportError, match=rf"Numba {re.escape(numba.__version__)} .*cgutils.for_range.*numba>="):
+        numba_internals.check()
+
+
 def test_all_compiled_functions_have_that_cache():
     """No module of the package imports Numba's own decorators."""
     for file in cache.Path(build.__file__).parents[2].rglob("*.py"):
         lines = [line for line in file.read_text().splitlines() if line.startswith("from numba import")]
         assert not any(word in line for line in lines for word in ("njit", "cfunc", "jit")), file.name
+
+
+def test_no_machine_code_lies_beside_the_sources(tmp_path, monkeypatch):
+    """What others read, and a package manager counts, is not written: neither by a module of the package nor beside
+    one of the user's.
+    """
+    monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path / "cache"))
+    package = cache.Path(build.__file__).parents[2]
+    before = set(package.rglob("*.nb?"))
+    (tmp_path / "compiled_of_a_user.py").write_text(MODULE)
+    loaded(tmp_path / "compiled_of_a_user.py")
+    weights = np.ones((2, 1))
+    anew = njit(cache=True, error_model="numpy")(chain_loops.chain_responses.py_func)
+    anew(weights, 1.0, 0.1, 0.0, np.arange(1, 5))
+    assert list((tmp_path / "cache" / "__pycache__").glob("chain_loops.*.nbc"))
+    assert set(package.rglob("*.nb?")) == before and not (tmp_path / "__pycache__").exists()
+    assert len(list((tmp_path / "cache" / "__pycache__").glob("compiled_of_a_user.*.nbc"))) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"\xff\xfe garbage", b"VALUE = 2\n"])

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.structs import Struct
 from farhorizon.machine import uninterrupted
 

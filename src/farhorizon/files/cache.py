@@ -11,6 +11,7 @@ import stat
 import tempfile
 import time
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,12 @@ def cache_folder() -> Path:
             shared.mkdir(mode=0o700, exist_ok=True)
             if _private(shared):
                 return shared
+    return _temporary_folder()
+
+
+@cache
+def _temporary_folder() -> Path:
+    """A folder of this process."""
     return Path(tempfile.mkdtemp(prefix="farhorizon-"))
 
 

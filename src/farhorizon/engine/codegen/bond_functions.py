@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numba
 from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.compiler import Flags
+from numba import types
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.bond_sweeps import LANES, BondLaw, Tile, bond_signature, damaged_tile, unpacked
+from farhorizon.engine.codegen.numba_internals import Flags, cgutils
 from farhorizon.engine.codegen.vectors import I64
 
 #: What a function of a law may ask for by name, beside its history and its parameters: the stretch and the length of

@@ -21,9 +21,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.vectors import I64, Vectors
 
 #: Nodes of a row that are swept together: one vector.

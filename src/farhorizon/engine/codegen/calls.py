@@ -7,8 +7,9 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
+
+from farhorizon.engine.codegen.numba_internals import cgutils
 
 
 def call_of(kinds: Sequence[Any]) -> tuple[Any, Callable[..., Any]]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from numba.core import event
+from farhorizon.engine.codegen.numba_internals import event
 
 #: Purpose of compiled functions, by the beginning of their module's name; those of other modules are not ours.
 _PURPOSES = {

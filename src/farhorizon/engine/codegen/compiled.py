@@ -13,13 +13,19 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import sigutils, types
-from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.ccallback import CFunc
-from numba.core.registry import CPUDispatcher
+from numba import types
 
 from farhorizon.engine.codegen.code_digest import digest
-from farhorizon.files.cache import sealed, unsealed
+from farhorizon.engine.codegen.numba_internals import (
+    CacheLocator,
+    CFunc,
+    CompileResultCacheImpl,
+    CPUDispatcher,
+    FunctionCache,
+    IndexDataCacheFile,
+    sigutils,
+)
+from farhorizon.files.cache import cache_folder, sealed, unsealed
 from farhorizon.files.storage import awaited
 from farhorizon.machine import without_collection
 
@@ -53,8 +59,40 @@ def _undamaged(path: str, head: bytes = b"") -> bool:
     return data.startswith(head) and unsealed(data[len(head) :]) is not None
 
 
+class _CacheFolder(CacheLocator):
+    """The place of all machine code: the cache folder, and never that of the source, which may be read by many users
+    and written by none.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._line = function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        folder = cache_folder() / "__pycache__"
+        folder.mkdir(exist_ok=True)
+        return str(folder)
+
+    def get_source_stamp(self) -> str:
+        return ""  # `_SealedCache` has its own
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> _CacheFolder:
+        return cls(function)
+
+
+class _InCacheFolder(CompileResultCacheImpl):
+    """Numba's way to keep machine code, in the cache folder."""
+
+    _locator_classes: Any = (_CacheFolder,)
+
+
 class _SealedCache(FunctionCache):
     """Sealed files of one function, named after all code that it depends on; versions of it lie side by side."""
+
+    _impl_class = _InCacheFolder
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -65,7 +103,7 @@ class _SealedCache(FunctionCache):
         function = self._py_func
         stamp = digest(Path(inspect.getfile(function)), function.__qualname__.partition(".")[0])
         start, _, end = self._impl.filename_base.rpartition(f"-{function.__code__.co_firstlineno}.")
-        return _SealedFiles(self._cache_path, f"{start}-{stamp[:20]}.{end}", stamp)
+        return _SealedFiles(self._impl.locator.get_cache_path(), f"{start}-{stamp[:20]}.{end}", stamp)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         """Numba's key, and the order of the fields in named tuples among the arguments: their types do not tell it."""

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.calls import call_of
 from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.codegen.numba_internals import cgutils
 
 _I32, _I64, _POINTER = ir.IntType(32), ir.IntType(64), ir.IntType(8).as_pointer()
 _EXCHANGE = (types.int64,) * 4

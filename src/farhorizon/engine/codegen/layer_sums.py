@@ -12,11 +12,12 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.calls import call_of
 from farhorizon.engine.codegen.matrices import MirrorStencil, mirror_sums, parity, weight_of
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.vectors import I64, Vectors, flat, int64s
 
 Sums = dict[tuple[int, ...], Any]  # by parity along the first two axes

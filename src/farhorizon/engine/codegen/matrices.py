@@ -15,10 +15,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.stencil_sweeps import (
     AHEAD,
     Emit,

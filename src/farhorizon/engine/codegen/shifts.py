@@ -6,10 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.vectors import CONTRACT, I32, I64, Vectors, flat, int64s
 
 

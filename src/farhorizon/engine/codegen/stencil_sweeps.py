@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
 from farhorizon.engine.codegen.calls import call_of
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.vectors import I64, LANES, Vectors, flat, int64s
 
 #: (outer offset 0, outer offset 1, inner offset >= 0); every inner offset stands for both signs.

@@ -17,12 +17,10 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.imputils import lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import models, register_model, unbox
-from numba.np import arrayobj
 
 from farhorizon.engine.codegen.code_digest import digest
+from farhorizon.engine.codegen.numba_internals import AttributeTemplate, arrayobj, infer_getattr, lower_getattr_generic
 
 _WORD = 8  # bytes
 _I64 = ir.IntType(64)

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
 from numba.extending import intrinsic
 
+from farhorizon.engine.codegen.numba_internals import cgutils
 from farhorizon.engine.codegen.vectors import I32, I64, Vectors, flat, int64s
 
 #: Values in a window, and sums that are computed side by side.

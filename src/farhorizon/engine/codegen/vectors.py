@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
+
+from farhorizon.engine.codegen.numba_internals import cgutils
 
 CONTRACT = ("contract",)
 I64 = ir.IntType(64)
