@@ -5,11 +5,14 @@ draw where pages ask for it. `_extensions/mathml.py` sets formulas without a scr
 """
 
 import sys
+import tomllib
 from pathlib import Path
 
 import farhorizon
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+
+URLS = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
 
 project = "farhorizon"
 author = "The farhorizon developers"
@@ -44,6 +47,7 @@ numpydoc_xref_param_type = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "farhorizon"
+html_baseurl = URLS["Documentation"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False

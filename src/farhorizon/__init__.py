@@ -4,7 +4,7 @@ small grid.
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:  # so that type checkers see all names, and report unknown ones
     from farhorizon.case.case import read_case as read_case

@@ -87,7 +87,7 @@ def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = 
     whose ending determines the format.
     """
     import matplotlib
-    from cycler import cycler
+    from matplotlib.rcsetup import cycler
 
     if path is not None and not Path(path).parent.is_dir():
         raise InputError(f"{path}: there is no directory {Path(path).parent}", remedy="create it first")
