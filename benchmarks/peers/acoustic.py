@@ -337,10 +337,8 @@ def main() -> None:
                     "times ours": statistics.median(ratios) if ratios else float("nan"),
                 }
             else:
-                best = min(found[0] for found in tried[name])
-                row |= {"error": best} | dict.fromkeys(
-                    ("nodes", "order", "in time", "courant", "layer", "seconds", "times ours"), "-"
-                )
+                keys = ("nodes", "order", "in time", "courant", "layer", "seconds", "times ours")
+                row |= {"error": min(found[0] for found in tried[name])} | dict.fromkeys(keys, "-")
             rows.append(row)
     table("Acoustic waves in three layers, one thread", rows)
     save(given.json, rows)

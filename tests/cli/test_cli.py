@@ -16,6 +16,7 @@ import pytest
 from doubtful import CRACK_AT_THE_RIM
 from drawn import is_picture
 from farhorizon.cli import main
+from farhorizon.cli.parser import command_parser
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
@@ -716,13 +717,37 @@ def test_keys_are_explained_at_the_prompt(capsys):
     assert "did you mean model.kernel" in capsys.readouterr().err
 
 
-def test_shells_complete_commands(tmp_path):
+@pytest.mark.parametrize(
+    ("line", "answers"),
+    [
+        ("farhorizon ch", {"check"}),
+        ("farhorizon keys model.kern", {"model.kernel"}),
+        ("farhorizon keys model.kernel.inf", {"model.kernel.influence"}),
+        ("farhorizon reproduce ji2021-fig5", {"ji2021-fig5"}),
+        ("farhorizon new he", {"heat"}),
+    ],
+)
+def test_shells_complete_commands_and_values(line, answers, tmp_path):
     """The request is that of bash: the answer arrives on file descriptor 8."""
     pytest.importorskip("argcomplete")
-    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": "farhorizon ch", "COMP_POINT": "13", "_ARGCOMPLETE_IFS": "\n"}
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n"}
     script = f"exec 8>answer; {sys.executable} -m farhorizon"
     subprocess.run(["bash", "-c", script], cwd=tmp_path, env={**os.environ, **asked}, check=True)
-    assert (tmp_path / "answer").read_text().split() == ["check"]
+    found = set((tmp_path / "answer").read_text().split())
+    assert answers <= found and all(one.startswith(line.split()[-1]) for one in found)
+
+
+def test_values_are_offered_to_the_shell():
+    """What the shell is offered without argcomplete, which asks the same functions."""
+    [commands] = [action.choices for action in command_parser()._actions if isinstance(action.choices, dict)]
+    offered = {
+        name: next(action.completer for action in commands[name]._actions if hasattr(action, "completer"))
+        for name in ("keys", "new", "reproduce", "validate")
+    }
+    keys = offered["keys"](prefix="model.k")
+    assert "model.kernel" in keys and all(key.count(".") == 1 for key in keys)
+    assert "model" in offered["keys"](prefix="") and "wave" in offered["new"](prefix="")
+    assert "ji2021-fig5" in offered["reproduce"](prefix="") and "all" in offered["validate"](prefix="")
 
 
 def test_plot_draws_what_it_is_asked_for(small, capsys):

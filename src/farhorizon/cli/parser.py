@@ -79,13 +79,31 @@ def _offer_completion(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("kind", nargs="?", metavar="KIND", help="kind of case, such as wave")
+    kind = sub.add_argument("kind", nargs="?", metavar="KIND", help="kind of case, such as wave")
+    kind.completer = _kinds  # type: ignore[attr-defined]  # for argcomplete
     sub.add_argument("-o", "--out", metavar="FILE", help="the file (default: print it)")
     sub.add_argument("--force", action="store_true", help="overwrite the file")
 
 
 def _keys(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("prefix", nargs="?", default="", metavar="KEY", help="a key with dots, or the first part of one")
+    key = sub.add_argument(
+        "prefix", nargs="?", default="", metavar="KEY", help="a key with dots, or the first part of one"
+    )
+    key.completer = _known_keys  # type: ignore[attr-defined]  # for argcomplete
+
+
+def _kinds(**_: Any) -> tuple[str, ...]:
+    """The kinds of cases, for the shell."""
+    from farhorizon.case.templates import KINDS
+
+    return tuple(KINDS)
+
+
+def _known_keys(prefix: str, **_: Any) -> list[str]:
+    """Keys of case files with as many dots as what has been typed, for the shell."""
+    from farhorizon.case.keys import all_keys
+
+    return sorted({key.path for key in all_keys() if key.path.count(".") == prefix.count(".")})
 
 
 def _time(text: str) -> float:
