@@ -55,8 +55,8 @@ write_dump all custom {dump} x y z modify format float %20.17g sort id
 
 
 def part_of_cell(distance: np.ndarray) -> np.ndarray:
-    """Part of a cell that counts, by its distance in metres: LAMMPS' ramp over the last half spacing."""
-    return np.clip(HORIZON + 0.5 - distance / SPACING, 0.0, 1.0)
+    """Part of a cell that counts, by its distance over the horizon: LAMMPS' ramp over the last half spacing."""
+    return np.clip(HORIZON + 0.5 - HORIZON * distance, 0.0, 1.0)
 
 
 def stiffness() -> float:
@@ -66,7 +66,7 @@ def stiffness() -> float:
     length = np.linalg.norm(places, axis=1)
     bonds = (length > 0) & (length <= HORIZON * SPACING)
     places, length = places[bonds], length[bonds]
-    volume = SPACING**3 * part_of_cell(length)
+    volume = SPACING**3 * part_of_cell(length / (HORIZON * SPACING))
     return float(0.5 * MICROMODULUS * (volume * places[:, 0] ** 4 / length**3).sum())
 
 
