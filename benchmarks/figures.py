@@ -101,6 +101,12 @@ def spread(case: str, column: str, word: str = "", percent: bool = False) -> Cal
     return read
 
 
+def at_error(program: str, error: float, found: Any) -> float:
+    """Time of another program over ours for an error; infinity if none of its settings reached the error."""
+    row = next(r for r in found["rows"] if r["program"] == program and abs(r["error at most"] / error - 1) < 1e-9)
+    return float("inf") if row["times ours"] == "-" else float(row["times ours"])
+
+
 MEASUREMENTS = {
     "demo": Measurement(
         ("farhorizon", "demo"),
@@ -232,6 +238,28 @@ MEASUREMENTS = {
             "passes.free": spread("case", "free/periodic", "3D", percent=True),
             "passes.hole": spread("case", "hole/periodic", "3D", percent=True),
             "passes.bytes": spread("case", "bytes/node"),
+        },
+    ),
+    "peers-acoustic": Measurement(  # these three: in an environment with benchmarks/peers/requirements.txt
+        ("python", "benchmarks/peers/acoustic.py", "--quick"),
+        {
+            f"acoustic.{key}{exponent}": partial(at_error, name, 10.0**-exponent)
+            for key, name in {"deepwave": "Deepwave", "devito": "Devito", "kwave": "k-Wave (NumPy)"}.items()
+            for exponent in (2, 3)
+        },
+    ),
+    "peers-slices": Measurement(
+        ("python", "benchmarks/peers/slices.py"),
+        {
+            f"slices.{key}": spread("2D, 36 neighbours", "times ours", name)
+            for key, name in {"csr": "scipy CSR", "numpy": "NumPy", "jax": "JAX"}.items()
+        },
+    ),
+    "peers-bonds": Measurement(
+        ("python", "benchmarks/peers/bonds.py"),
+        {
+            "bonds.lammps": spread("122 bonds", "times ours", "LAMMPS"),
+            "bonds.difference": spread("122 bonds", "difference", "LAMMPS"),
         },
     ),
     "bar": Measurement(
