@@ -59,15 +59,14 @@ def part_of_cell(distance: np.ndarray) -> np.ndarray:
     return np.clip(HORIZON + 0.5 - HORIZON * distance, 0.0, 1.0)
 
 
-def stiffness() -> float:
-    """Modulus of plane longitudinal waves along an axis, by the sum over the bonds of a node."""
-    axis = np.arange(-3, 4)
-    places = SPACING * np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    length = np.linalg.norm(places, axis=1)
-    bonds = (length > 0) & (length <= HORIZON * SPACING)
-    places, length = places[bonds], length[bonds]
-    volume = SPACING**3 * part_of_cell(length / (HORIZON * SPACING))
-    return float(0.5 * MICROMODULUS * (volume * places[:, 0] ** 4 / length**3).sum())
+def young(kernel: fh.Kernel) -> float:
+    """Young's modulus for which our bonds are LAMMPS': both are proportional to it, and bonds of one spacing along x
+    are compared.
+    """
+    stencil = fh.Elastic(kernel, 1.0).stencil(SPACING, 3)
+    [bond] = np.flatnonzero((np.asarray(stencil.offsets) == (1, 0, 0)).all(axis=1))
+    ours = 1.2 * float(np.asarray(stencil.weights)[bond, 0, 0]) / SPACING**2  # 1.2: the P-wave modulus, its unit
+    return MICROMODULUS * SPACING**3 / SPACING / ours
 
 
 def by_lammps(steps: int) -> tuple[np.ndarray, float]:
@@ -104,9 +103,8 @@ def by_lammps(steps: int) -> tuple[np.ndarray, float]:
 def simulation() -> fh.Simulation:
     """The same block."""
     half = NODES // 2 * SPACING
-    kernel = fh.Kernel(HORIZON * SPACING, exponent=1, influence=part_of_cell, volume="full")
-    young = stiffness() / 1.2  # in space a bond-based solid has Poisson's ratio 1/4
-    model = fh.Elastic(kernel, young, density=DENSITY, critical_stretch=STRETCH)
+    kernel = fh.Kernel(HORIZON * SPACING, exponent=1, influence=part_of_cell, volume="full", calibrate=False)
+    model = fh.Elastic(kernel, young(kernel), density=DENSITY, critical_stretch=STRETCH)
     pulse = f"{SPEED}*exp(-(x**2+y**2+z**2)/{WIDTH}**2)"
     lattice = fh.Lattice(SPACING, (-half,) * 3, (half,) * 3)
     return fh.Simulation(lattice, model, fh.Free(), {"v": [pulse, "0", "0"]}, dt=DT, threads=1)
