@@ -244,7 +244,7 @@ MEASUREMENTS = {
         ("python", "benchmarks/peers/acoustic.py", "--quick"),
         {
             f"acoustic.{key}{exponent}": partial(at_error, name, 10.0**-exponent)
-            for key, name in {"deepwave": "Deepwave", "devito": "Devito", "kwave": "k-Wave (NumPy)"}.items()
+            for key, name in {"deepwave": "Deepwave", "devito": "Devito"}.items()
             for exponent in (2, 3)
         },
     ),
