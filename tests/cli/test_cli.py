@@ -26,7 +26,7 @@ from outputs import written
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
+BOUNDED = {EXAMPLES / "quenched_bar.toml", EXAMPLES / "wing_cracks.toml"}  # no side is open
 LARGE = [  # slow at full size, or similar to another; tests/test_examples.py has some on coarser lattices
     EXAMPLES / f"{name}.toml"
     for name in (
@@ -65,7 +65,7 @@ ABSORBERS = {  # other than a lattice PML, and the fraction of a fixed edge's er
 
 @pytest.mark.parametrize(
     "case",
-    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *LARGE})
+    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, *BOUNDED, *LARGE})
     + [pytest.param(case, marks=pytest.mark.slow) for case in LARGE],
     ids=lambda p: p.stem,
 )

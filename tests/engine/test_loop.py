@@ -29,7 +29,7 @@ RUNS = {
 def test_every_operation_has_a_function():
     """Operations on layers may have several functions."""
     done = set(load_program().OPERATIONS) | set(load_sweep_program().OPERATIONS)
-    assert done | {op.LINES, op.STRETCH, op.FLOW_LAYERS} == set(range(op.RELAX + 1))
+    assert done | {op.LINES, op.STRETCH, op.FLOW_LAYERS} == set(range(op.TOUCH + 1))
 
 
 @pytest.mark.parametrize(("shape", "model", "side", "found"), RUNS.values(), ids=RUNS)

@@ -312,7 +312,7 @@ def test_finite_elements_are_of_one_stiffness():
 
 def test_outlines_that_go_on_with_one_density_are_refused():
     lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
-    with pytest.raises(fh.InputError, match="one density"):
+    with pytest.raises(fh.InputError, match="PlaneWave does not support a density that varies"):
         fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0), density="1 + (x > 0)"), fh.PlaneWave())
 
 

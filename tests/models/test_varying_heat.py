@@ -282,7 +282,7 @@ def test_constants_that_cannot_be(given, key, words):
 
 def test_outlines_that_go_on_with_one_heat_capacity_are_refused():
     lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
-    with pytest.raises(fh.InputError, match="one density"):
+    with pytest.raises(fh.InputError, match="PlaneWave does not support a density that varies"):
         fh.Simulation(lattice, fh.Heat(fh.Kernel(2.0), density="1 + (x > 0)"), fh.PlaneWave())
 
 

@@ -57,8 +57,8 @@ class Reader(NamedTuple):
         """The value of a key."""
         if isinstance(value, Part):
             return self.made(value, key)
-        if isinstance(value, list) and any(isinstance(entry, Part) for entry in value):
-            return [self.made(entry, f"{key}[{i}]") for i, entry in enumerate(value)]
+        if function is None and isinstance(value, list):
+            return [self._value(entry, None, f"{key}[{i}]") for i, entry in enumerate(value)]
         if function is None or value is None:
             return value
         if not function.place:
@@ -73,7 +73,7 @@ class Reader(NamedTuple):
             if not self.vector or len(value) != self.dim:
                 limit = f"a list of {self.dim}" if self.vector else "one"
                 raise InputError("not as many entries as the field has components", value=value, limit=limit, key=key)
-            return [self.entry(table, f"{key}[{i}]", time) for i, table in enumerate(value)]
+            return [self.entry(entry, f"{key}[{i}]", time) for i, entry in enumerate(value)]
         return self.entry(value, key, time)
 
     def entry(self, value: str | float, key: str, time: bool = True) -> Any:

@@ -24,7 +24,7 @@ GIVEN = {
 
 
 def test_it_has_the_arguments_of_a_simulation_in_their_order():
-    around = {"observe", "communicator", "topology"}  # who looks at a run, and who computes it
+    around = {"observe", "communicator", "topology", "engine"}  # who looks at a run, and who computes it
     given = [name for name in signature(fh.Simulation).parameters if name not in around]
     assert [field.name for field in fields(fh.Setup)] == given
 

@@ -102,7 +102,8 @@ def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
     `farhorizon.engine.exchange.free_of_halos`: 0 for states that break, and for metal that dissolves, because some of
     it may lie beside cuts.
     """
-    if not run.engine.bonds.forces or run.engine.get("phases.runs").size:
+    bonds = run.engine.bonds
+    if (bonds and not bonds.forces) or run.engine.get("phases.runs").size:
         return 0
     nodes, reach = boxes.size(number, nodes_beyond(run)), run.parts.grid.layout.reach[-run.lattice.dim :]
     for (axis, _), neighbour in boxes.neighbours(number).items():
