@@ -47,6 +47,13 @@ def test_rate_stops_every_backward_wave(dim, reach, exponent):
     assert found.strength <= 1.25  # at most sigma, and a margin of a quarter
 
 
+def test_filters_without_a_rise_or_a_fall_are_steps():
+    """Their limit is not defined in every version of SciPy."""
+    angles = np.array([0.0, 1e-3, 1.0, np.pi])
+    np.testing.assert_array_equal(HighPass(0, 18, 1.0, 1.0).passed(angles), [0, 1, 1, 1])
+    np.testing.assert_array_equal(HighPass(18, 0, 1.0, 1.0).passed(angles), [0, 0, 0, 1])
+
+
 def test_stencils_without_backward_waves_are_left_alone():
     assert high_pass(kernel_stencil(2, 3, 2)) is None and high_pass(fh.Stencil.finite_difference(3)) is None
     sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (8.0, 8.0)), fh.Wave(fh.Kernel(3.0)))
