@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
@@ -22,7 +23,7 @@ def reading(path: Path, what: str, key: str, remedy: str) -> Iterator[None]:
     """
     cannot = f"cannot read {what} {path}"
     readable = {"limit": "a file that can be read", "key": key, "remedy": "check the path"}
-    if not path.is_file():
+    if not os.path.isfile(path):  # `Path.is_file` raises for names that are too long
         raise InputError(f"{cannot}: no such file", value=path.name, **readable)
     silent = io.StringIO()
     try:
