@@ -353,6 +353,7 @@ BAD = [
     ({"cracks": [[(-5, 0.1), (5, 1.1)]], "boundary": fh.Periodic()}, "cannot continue it"),
     ({"coefficient": -np.ones(LATTICE.shape)}, "negative"),
     ({"coefficient": 0.0}, r"coefficient: the coefficient is zero everywhere"),
+    ({"coefficient": 5e-324}, r"coefficient: is beyond what can be computed with"),
     ({"coefficient": 0.0, "model": fh.Diffusion(KERNEL)}, r"coefficient: the coefficient is zero everywhere"),
     (
         {"model": fh.Wave(fh.Stencil([[1, 0], [-1, 0]], [-1.0, -1.0]))},

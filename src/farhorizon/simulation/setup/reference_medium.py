@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, Key, decompose
 from farhorizon.geometry.lattice import Lattice, check_any
@@ -159,6 +160,8 @@ def contrast_in(
             key="coefficient",
             remedy="leave it out, or a factor that is zero in a part of the medium alone",
         )
+    if setup.coefficient is not None:
+        kinds.check_magnitude(strongest, "coefficient")
     weakest = min(group.gather(float(speeds.min(where=speeds > 0, initial=strongest))))
     fastest = strongest
     if variation.density is not None:
