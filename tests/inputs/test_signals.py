@@ -164,6 +164,7 @@ class TestSamples:
             ([0.0, 1.0, np.nan, 0.0], "must be finite"),
             ([0.5, 1.0, 2.0, 0.0], r"does not begin at rest.*value: 0.25 of the largest sample"),
             ("no such file", "cannot read the samples"),
+            ("x" * 300, "cannot read the samples .*no such file"),
         ],
     )
     def test_what_is_no_signal(self, values, message):
