@@ -14,10 +14,15 @@ import pytest
 import yaml
 
 import farhorizon
+from farhorizon.engine.codegen import numba_internals
 
 ROOT = Path(__file__).parents[1]
 TABLES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT, BUILD, URLS = TABLES["project"], TABLES["build-system"], TABLES["project"]["urls"]
+
+
+def test_the_package_asks_for_the_versions_of_numba_whose_internals_are_known():
+    assert f"numba>={numba_internals.FIRST},<{numba_internals.UNTRIED}" in PROJECT["dependencies"]
 
 
 def test_the_recipe_asks_for_what_the_package_asks_for():

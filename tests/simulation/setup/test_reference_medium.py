@@ -1,6 +1,7 @@
 """The uniform medium to which one that varies is compared, found by processes that each see a part of it."""
 
 import os
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.geometry import lattice as lattices
 from farhorizon.geometry.decomposition import decompose
+from farhorizon.simulation.setup import reference_medium as module
 from farhorizon.simulation.setup.reference_medium import _widened, node_factor, reference_and_variation, varied
 from threads_as_processes import on_threads
 
@@ -105,6 +107,28 @@ def test_boxes_are_widened_by_the_values_of_their_neighbours(count, periodic):
     for number, of_process in enumerate(on_threads(count, of_box)):
         box = tuple(slice(a, b + 2 * m) for (a, b), m in zip(boxes.ranges(number), reach, strict=True))
         np.testing.assert_array_equal(of_process, widened[box])
+
+
+VARYING = {"young": "where(x > 0, 1, 2)", "poisson": "0.2 + 0*x", "density": "1 + 0*x", "critical_stretch": "1 + 0*x"}
+
+
+@pytest.mark.parametrize(
+    "model", [fh.Elastic(fh.Kernel(2.0), young="where(x > 0, 1, 2)"), fh.Correspondence(fh.Kernel(2.0), **VARYING)]
+)
+def test_the_memory_for_constants_is_checked_before_they_are_evaluated(model, monkeypatch):
+    setup = fh.Simulation(fh.Lattice(1.0, (-200, -200), (200, 200)), model, boundary=fh.Fixed()).setup
+    tracemalloc.start()
+    reference_and_variation(setup, module.ALONE)
+    needed = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    need = []
+    monkeypatch.setattr(module, "check_fits", lambda *given: need.append(given[0]))
+    reference_and_variation(setup, module.ALONE)
+    assert 0.5 * need[0] <= needed <= need[0]
+    monkeypatch.undo()
+    monkeypatch.setattr("farhorizon.machine.available_memory", lambda: needed // 3)
+    with pytest.raises(fh.InputError, match="constants at 160801 nodes do not fit into memory"):
+        reference_and_variation(setup, module.ALONE)
 
 
 def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):

@@ -20,6 +20,7 @@ from farhorizon.geometry.decomposition import Decomposition, Key, decompose
 from farhorizon.geometry.lattice import Lattice, check_any
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.sources import checked_shape, field
+from farhorizon.machine import check_fits
 from farhorizon.medium.force_states import closing_rate
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation, is_one, lightest_bond
@@ -28,6 +29,9 @@ from farhorizon.simulation.processes.process_group import ALONE, ProcessGroup
 from farhorizon.simulation.setup.setup import Setup, within_part
 
 _EVEN = ("stiffness", "density")  # parts of a variation that may turn out to be 1 everywhere
+# values per node that evaluating constants takes at its peak, as `tracemalloc` counts: where forces are those of bonds,
+# and with the moduli of force states
+_VALUES_OF_BONDS, _VALUES = 11, 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,9 @@ def reference_and_variation(setup: Setup, group: ProcessGroup) -> tuple[Referenc
     boxes = decompose(setup.lattice.shape, group.size, (1,) * setup.lattice.dim, {}, frozenset())
     subdomain = replace(setup, lattice=setup.lattice.part(boxes.ranges(group.number))) if group else setup
     lattice, outside, constants = subdomain.lattice, dict[str, float](), dict[str, float]()
+    if setup.model.varying:
+        need = 8.0 * lattice.nodes * (_VALUES_OF_BONDS if setup.model.bonds else _VALUES)
+        check_fits(need, f"constants at {lattice.nodes} nodes", "lattice", "a coarser or smaller lattice")
     values = constants_of(subdomain)
     if lattice.existing is not None:
         nodes = np.flatnonzero(lattice.existing)
