@@ -17,6 +17,8 @@ from threadpoolctl import ThreadpoolController
 
 from farhorizon.errors import InputError
 
+_FEW = 2**24  # bytes up to which what is available is not asked for, which takes longer than setting up a small run
+
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
@@ -83,16 +85,19 @@ def available_memory() -> int:
     return max(0, min([_of_machine(), *_left_by_groups(), *_left_by_limits(), *_granted_by_slurm()]))
 
 
-def check_fits(need: float, what: str, key: str, remedy: str) -> None:
-    """Refuse something that needs more bytes than `available_memory`, before they are asked for, with an InputError."""
-    if need > (most := available_memory()):
-        raise InputError(
-            f"{what} do not fit into memory",
-            value=f"about {need / 2**30:.3g} GiB",
-            limit=f"{most / 2**30:.3g} GiB available",
-            key=key,
-            remedy=remedy,
-        )
+def check_fits(need: float, what: str, key: str, remedy: str, size: str = "") -> None:
+    """Refuse something that needs more bytes than `available_memory`, before they are asked for, with an InputError;
+    `what` is it and a verb, such as "the run does", and `size` what its size is due to.
+    """
+    if need <= _FEW or need <= (most := available_memory()):
+        return
+    raise InputError(
+        f"{what} not fit into memory",
+        value=" for ".join(filter(None, (f"about {need / 2**30:.3g} GiB", size))),
+        limit=f"{most / 2**30:.3g} GiB available",
+        key=key,
+        remedy=remedy,
+    )
 
 
 def _of_machine() -> int:

@@ -31,3 +31,10 @@ def test_short_shear_waves_are_faster_than_long_ones_above_the_neutral_stabilisa
             speeds = np.sqrt(np.maximum(np.linalg.eigvalsh(symbol)[:, 0], 0.0) / shear) / np.linalg.norm(k, axis=1)
             assert (speeds.max() > 1 + 1e-6) == (faster and strength < 1)
             assert (model.caution is not None) == (faster and strength < 1)
+
+
+@pytest.mark.parametrize("material", ["state-based", "correspondence"])
+def test_a_horizon_of_so_many_nodes_that_adding_up_takes_minutes_is_refused(material):
+    model = fh.Elastic(fh.Kernel(61.0), 1.0, 0.2, material=material)
+    with pytest.raises(fh.InputError, match=r"kernel\.horizon: .*11\d\d\d neighbours; limit: 5477 neighbours"):
+        model.stencil(1.0, 2)

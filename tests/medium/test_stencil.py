@@ -333,6 +333,7 @@ def test_symmetries_of_matrices():
     assert stencil.even_along(0) and stencil.even_along(1) and stencil.same_along(0, 1)
     wide = Stencil(stencil.offsets, stencil.weights * (1 + np.abs(stencil.offsets[:, :1, None])))
     assert wide.even_along(0) and not wide.same_along(0, 1)
+    assert stencil.along(1) is stencil.along(0) is stencil  # so that layers are made once for both
     np.testing.assert_allclose(wide.along(1).symbol(0.3, 0.8), wide.symbol(0.8, 0.3)[::-1, ::-1], rtol=0, atol=1e-15)
     assert not Stencil(stencil.offsets, stencil.weights - 0.3 * np.eye(2)).positive
 

@@ -25,9 +25,8 @@ from farhorizon.analysis.exact.exponential_sum import ExponentialSum
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.ends import ends_table
 from farhorizon.engine.engine import Engine
-from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
-from farhorizon.machine import available_memory
+from farhorizon.machine import check_fits
 
 Weights = tuple[float, ...] | tuple[tuple[float, ...], ...]
 
@@ -104,14 +103,7 @@ def _make_kernel(weights: Weights, recursion: Recursion, steps: int) -> np.ndarr
     a = np.array(weights)
     reach = a.shape[-1]
     size = 6 * 8.0 * (steps + 1) * reach**2  # F, M, and memory for transforms and convolutions
-    if size > available_memory():
-        raise InputError(
-            "the kernel of so many steps does not fit into memory",
-            value=f"about {size / 2**30:.3g} GiB for {steps} steps",
-            limit=f"{available_memory() / 2**30:.3g} GiB available",
-            key="boundary",
-            remedy="a shorter run or LatticePML",
-        )
+    check_fits(size, "the kernel of so many steps does", "boundary", "a shorter run or LatticePML", f"{steps} steps")
     if steps * reach**2 > _SLOW and sys.stderr.isatty():
         print(f"exact boundary: kernel of {steps} steps ...", file=sys.stderr)
     return chain.force_form(chain.ghost_kernel(a, recursion, steps), a)

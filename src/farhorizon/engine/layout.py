@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -120,20 +121,24 @@ def empty(table: type[Table]) -> Table:
 
 
 def with_defaults(table: type[Table], real: np.dtype, /, **given: Any) -> Table:
-    """Return a table (a named tuple of arrays) whose fields are as given, or else their defaults, which are made anew
-    for each table. Machine code depends on the types of all fields, so that the precision `real` matters even where an
-    array is empty.
+    """Return a table (a named tuple of arrays) whose fields are as given, or else their defaults, which all tables
+    share. Machine code depends on the types of all fields, so that the precision `real` matters even where an array is
+    empty.
     """
+    return table(**(_defaults(table, np.dtype(real)) | given))
+
+
+@lru_cache
+def _defaults(table: type[Table], real: np.dtype) -> dict[str, Any]:
+    """The defaults of the fields of a table that have one."""
     fields = {}
     for name, default in getattr(table, "_field_defaults").items():  # noqa: B009
-        if name in given:
-            continue
         if isinstance(default, Default):
             default = default.made(real)
         elif isinstance(default, type):
             default = with_defaults(default, real)
         fields[name] = default
-    return table(**given, **fields)
+    return fields
 
 
 def aligned(count: int) -> int:

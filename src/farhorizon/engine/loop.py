@@ -137,9 +137,10 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         which: _on_parts(table, inputs.table, which, which in split, done) if which in swept else ([], [])
         for which in passes
     }
-    sums = {which: _sums(tables, which, *map(len, parts[which])) for which in passes}
+    known = tables.known()
+    sums = {which: _sums(table, which, *map(len, parts[which]), known) for which in passes}
     of_stages = [
-        {which: _of_stage(one, part, len(lists), tables) for which, one in sums.items()} for part in range(len(lists))
+        {which: _of_stage(one, part, len(lists), known) for which, one in sums.items()} for part in range(len(lists))
     ]
 
     def address(function: Function, stage: Struct, of_pass: Struct) -> int:
@@ -269,9 +270,8 @@ def _records(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
     return bool(inputs.recorded_nodes.size), bool(tables.block_sums.rows.size)
 
 
-def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
+def _sums(tables: Tables, which: int, parts: int, ahead: int, known: dict[int, Struct]) -> Struct:
     """Sums that the operations of a pass take, with room for addresses."""
-    tables: Tables = struct.table
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which in _OF_BONDS else alike
@@ -286,17 +286,17 @@ def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
         ahead=np.zeros(ahead, np.int64),
         free=tables.free if ahead else np.zeros_like(tables.free),
     )
-    return Struct(sums, beside=struct)
+    return Struct(sums, known=known)
 
 
-def _of_stage(sums: Struct, part: int, stages: int, beside: Struct) -> Struct:
+def _of_stage(sums: Struct, part: int, stages: int, known: dict[int, Struct]) -> Struct:
     """The same sums for one of the stages, each of which has a part of the memory of the layers."""
     table: Sums = sums.table
     if stages == 1 or not table.layers.cell:
         return sums
     size = table.layers.memory.size // stages
     memory = table.layers.memory[part * size : (part + 1) * size]
-    return Struct(table._replace(layers=table.layers._replace(memory=memory)), beside=beside)
+    return Struct(table._replace(layers=table.layers._replace(memory=memory)), known=known)
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, passes: Set[int]) -> dict[int, Struct]:

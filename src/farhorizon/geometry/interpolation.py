@@ -184,7 +184,7 @@ def points_on_grid(lower: Point, upper: Point, counts: Annotated[Any, Toml(list[
     count = math.prod(numbers)
     # coordinates, twice while they are made; and along each axis the nodes and weights by which a field is interpolated
     need = 8 * count * len(numbers) * (3 + 2 * HALF_WIDTH)
-    check_fits(need, f"{count:.6g} points", "grid.counts", "fewer points")
+    check_fits(need, f"{count:.6g} points do", "grid.counts", "fewer points")
     axes = [np.linspace(a, b, n) for a, b, n in zip(*corners, numbers, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
 

@@ -15,11 +15,10 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Box, Shape
 from farhorizon.geometry.voxels import Voxels
-from farhorizon.machine import available_memory
+from farhorizon.machine import check_fits
 from farhorizon.rounding import MARGIN
 
 AXES = ("x", "y", "z")
-_LARGE = 2.0**28  # bytes up to which the memory is not queried, which takes longer than filling a few nodes
 _AT_ONCE = 2**22  # nodes up to which the mask is computed at once; beyond, each process computes its own part
 _COUNTED = 2.0**53  # nodes beyond which their numbers are not exact in double precision
 _SHAPES = (
@@ -414,15 +413,8 @@ def _cells(mask: np.ndarray, spacing: float, lower: ArrayLike | None) -> Voxels:
 def _check_size(count: np.ndarray, fields: float) -> None:
     """Raise an InputError unless `fields` arrays with `count` nodes along each axis fit into memory."""
     need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
-    if need > _LARGE and need > available_memory():
-        size = " x ".join(shown(n) for n in count)
-        raise InputError(
-            "the lattice does not fit into memory",
-            value=f"about {need / 2**30:.3g} GiB for {size} nodes",
-            limit=f"{available_memory() / 2**30:.3g} GiB available",
-            key="lattice.spacing",
-            remedy="a larger spacing or a smaller extent",
-        )
+    size = f"{' x '.join(shown(n) for n in count)} nodes"
+    check_fits(need, "the lattice does", "lattice.spacing", "a larger spacing or a smaller extent", size)
 
 
 def _middles(nodes: Sequence[int] | np.ndarray | int, box: Box) -> tuple[float, np.ndarray, np.ndarray]:

@@ -153,7 +153,7 @@ class PhasedArray(LocalSource):
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """The source as arrays on the nodes."""
         need = 8.0 * components * float(np.prod(lattice.shape)) * self.elements
-        check_fits(need, f"{self.elements} elements, each on all nodes,", "source.elements", "fewer elements")
+        check_fits(need, f"{self.elements} elements, each on all nodes, do", "source.elements", "fewer elements")
         row = np.subtract(self.last, self.first) / self._length
         width = self._length / (self.elements - 1) if self.width is None else self.width
         edges = [width * row, *([] if self.across is None else [np.asarray(self.across)])]

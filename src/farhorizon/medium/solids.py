@@ -17,6 +17,8 @@ from farhorizon.medium.stencil import Stencil
 
 Table = tuple[np.ndarray, np.ndarray]
 
+_MOST_PAIRS = 3e7  # of bonds at one node: far more than any use needs, and still added up in some seconds
+
 
 def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Adjust the weights of bonds such that the lattice is exactly isotropic for long waves, with half second moment 1;
@@ -125,6 +127,14 @@ def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
     with all g_l at once.
     """
     reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
+    if len(offsets) ** 2 > _MOST_PAIRS:
+        raise InputError(
+            "the horizon spans too many nodes for a material with states of nodes",
+            value=f"{len(offsets)} neighbours",
+            limit=f"{int(_MOST_PAIRS**0.5)} neighbours",
+            key="kernel.horizon",
+            remedy="a horizon of three spacings, a coarser lattice or a bond-based material",
+        )
     table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
     for o, gk in zip(offsets, g, strict=True):
         table[tuple((offsets + o + 2 * reach).T)] += product(gk)

@@ -361,10 +361,19 @@ class Stencil(Storable):
 
     def along(self, axis: int) -> Stencil:
         """The same stencil with another axis (and component of a vector) first, and the others in their order."""
-        order = [axis, *(a for a in range(self.dim) if a != axis)]
-        moved = np.ndim(self.reaction) and self.components == self.dim
-        reaction = self.own[order][:, order] if moved else self.reaction
-        return Stencil(self.offsets[:, order], self._reordered(order), reaction)
+        return self._by_first_axis[axis]
+
+    @cached_property
+    def _by_first_axis(self) -> list[Stencil]:
+        """The stencils `along` each axis; this one for all axes that are alike."""
+        turned = [self]
+        for axis in range(1, self.dim):
+            order = [axis, *(a for a in range(self.dim) if a != axis)]
+            moved = np.ndim(self.reaction) and self.components == self.dim
+            reaction = self.own[order][:, order] if moved else self.reaction
+            along = Stencil(self.offsets[:, order], self._reordered(order), reaction)
+            turned.append(self if along == self else along)
+        return turned
 
     def with_reaction(self, reaction: float | np.ndarray) -> Stencil:
         """The same bonds with another reaction."""

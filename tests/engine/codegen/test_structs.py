@@ -68,6 +68,14 @@ def test_what_has_changed_since_the_last_one_is_seen() -> None:
     assert weigh(Struct(wider, second)) == expected(wider)
 
 
+def test_what_is_known_is_examined_once() -> None:
+    first = Struct(table(np.ones((3, 4))))
+    other = table(np.arange(6.0).reshape(2, 3))._replace(inner=first.table.inner)
+    second = Struct(other, known=first.known())
+    assert second.parts[1] is first.parts[1]
+    assert weigh(second) == expected(other)
+
+
 def test_a_copy_reads_its_own_arrays() -> None:
     given = table(np.ones((2, 2)))
     copied = pickle.loads(pickle.dumps(Struct(given)))

@@ -10,7 +10,7 @@ from scipy import fft
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.errors import InputError
-from farhorizon.machine import available_memory
+from farhorizon.machine import check_fits
 from farhorizon.medium.integrators import Integrator, ModifiedEquation, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.rounding import TINY
@@ -68,13 +68,13 @@ class InfiniteLattice:
             # a field that diffuses has fallen to exp(-13^2/4) = 4e-19 there
             travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach) + stencil.drift * rate * last * dt
         self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
-        if 16 * 8 * stencil.components**2 * float(np.prod(self.box)) > available_memory():
-            raise InputError(
-                "the infinite lattice at so late a time does not fit into memory",
-                value=f"{self.box} nodes",
-                key="run.until",
-                remedy="an earlier time or a coarser lattice",
-            )
+        check_fits(
+            16 * 8 * stencil.components**2 * float(np.prod(self.box)),
+            "the infinite lattice at so late a time does",
+            "run.until",
+            "an earlier time or a coarser lattice",
+            f"{self.box} nodes",
+        )
         angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
         symbol = stencil.symbol(*np.ix_(*angles)) * rate
         self.symbol: np.ndarray = symbol
@@ -192,14 +192,13 @@ class DrivenLattice:
         low = nodes.min(0)
         farthest = np.maximum(receivers.max(0) - low, nodes.max(0) - receivers.min(0))
         self.box = [fft.next_fast_len(int(n) + 2, real=True) for n in np.ceil(scheme.travel(last) + farthest)]
-        if 8 * (stencil.components**2 + 8 * stencil.components) * float(np.prod(self.box)) > available_memory():
-            raise InputError(
-                "the periodic lattice in which nothing comes round to the receivers does not fit into memory",
-                value=f"{' x '.join(map(str, self.box))} nodes",
-                limit=f"{available_memory() / 2**30:.3g} GiB available",
-                key="far_field.points",
-                remedy="receivers nearer to the box, a shorter run, or the pattern by direction and frequency",
-            )
+        check_fits(
+            8 * (stencil.components**2 + 8 * stencil.components) * float(np.prod(self.box)),
+            "the periodic lattice in which nothing comes round to the receivers does",
+            "far_field.points",
+            "receivers nearer to the box, a shorter run, or the pattern by direction and frequency",
+            f"{' x '.join(map(str, self.box))} nodes",
+        )
         angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
         symbol = self._recursion.scale * scheme.rate * stencil.symbol(*np.ix_(*angles))
         self._pull = np.moveaxis(symbol, (-2, -1), (0, 1)) if stencil.components > 1 else symbol

@@ -7,7 +7,6 @@ thousand numbers in the call of each function that uses one, and LLVM spends mos
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from functools import cache, lru_cache
 from operator import is_
 from pathlib import Path
@@ -30,18 +29,21 @@ class Struct:
     """A named tuple of arrays, numbers and named tuples, as compiled functions read it; it does not change.
 
     What it has in common with `last`, a struct of the same class, need not be examined again, nor do the named tuples
-    that it shares with `beside`, one of another class.
+    that are `known`: structs by the identities of their named tuples, to which this one and those in it are added.
     """
 
-    def __init__(self, table: Any, last: Struct | None = None, beside: Struct | None = None) -> None:
+    def __init__(self, table: Any, last: Struct | None = None, known: dict[int, Struct] | None = None) -> None:
         self.table = table  # keeps its arrays alive
+        known = {} if known is None else known
         self.parts: list[Struct | _Value]  # of each field; the words of an array are its address, shape and strides
         if last is None:
-            known = {} if beside is None else dict(beside._inner())
-            self.parts = [known.get(id(value)) or _part(value) for value in table]
+            self.parts = [known.get(id(value)) or _part(value, None, known) for value in table]
         else:
             before = zip(table, last.table, last.parts, strict=True)
-            self.parts = [part if value is old else _part(value, part) for value, old, part in before]
+            self.parts = [
+                part if value is old else known.get(id(value)) or _part(value, part, known)
+                for value, old, part in before
+            ]
         kinds = tuple(part.type for part in self.parts)
         self.type: StructType
         if last is not None and all(map(is_, kinds, (part.type for part in last.parts))):
@@ -51,13 +53,16 @@ class Struct:
         self.words: list[int] = [word for part in self.parts for word in part.words]
         self._memory = np.array(self.words, np.int64)
         self.address = _address(self._memory)  # of the words
+        known[id(table)] = self
 
-    def _inner(self) -> Iterator[tuple[int, Struct]]:
-        """Yield the structs in this one, by the identity of their named tuples."""
+    def known(self) -> dict[int, Struct]:
+        """The structs in this one, by the identities of their named tuples."""
+        structs: dict[int, Struct] = {}
         for part in self.parts:
             if isinstance(part, Struct):
-                yield id(part.table), part
-                yield from part._inner()
+                structs[id(part.table)] = part
+                structs |= part.known()
+        return structs
 
     def __reduce__(self) -> tuple[type[Struct], tuple[Any]]:
         return Struct, (self.table,)  # a copy has arrays of its own
@@ -78,6 +83,11 @@ def _array_type(dtype: np.dtype, axes: int, dense: bool, writeable: bool) -> typ
     return types.Array(numba.from_dtype(dtype), axes, "C" if dense else "A", readonly=not writeable)
 
 
+@cache
+def _number_type(number: type) -> types.Type:
+    return numba.typeof(number(0))
+
+
 def _address(array: np.ndarray) -> int:
     return int(array.__array_interface__["data"][0])  # faster than `array.ctypes`
 
@@ -89,9 +99,9 @@ class _Value(NamedTuple):
     words: tuple[int, ...]
 
 
-def _part(value: Any, last: Any = None) -> Struct | _Value:
+def _part(value: Any, last: Any, known: dict[int, Struct]) -> Struct | _Value:
     if isinstance(value, tuple):
-        return Struct(value, last)
+        return Struct(value, last, known)
     if isinstance(value, np.ndarray):
         flags = value.flags
         kind = _array_type(value.dtype, value.ndim, flags.c_contiguous, flags.writeable)
@@ -99,8 +109,8 @@ def _part(value: Any, last: Any = None) -> Struct | _Value:
     if isinstance(value, (float, np.floating)):
         bits = np.zeros(1, np.int64)
         bits.view(type(value))[0] = value
-        return _Value(numba.typeof(value), (int(bits[0]),))
-    return _Value(numba.typeof(value), (int(value),))
+        return _Value(_number_type(type(value)), (int(bits[0]),))
+    return _Value(_number_type(type(value)), (int(value),))
 
 
 class StructType(types.Type):

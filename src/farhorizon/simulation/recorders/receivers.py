@@ -22,7 +22,7 @@ from farhorizon.geometry.interpolation import (
 )
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Shape
-from farhorizon.machine import available_memory
+from farhorizon.machine import check_fits
 from farhorizon.rounding import MARGIN
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.recorders.fourier_sums import FourierSums
@@ -398,14 +398,7 @@ class Spectra(_AtPoints):
 
     def _check_size(self) -> None:
         need = 32.0 * len(self.frequencies) * float(np.prod(self._shape))
-        if need > 2.0**28 and need > available_memory():
-            raise InputError(
-                "the sums do not fit into memory",
-                value=f"about {need / 2**30:.3g} GiB",
-                limit=f"{available_memory() / 2**30:.3g} GiB available",
-                key="spectra.frequencies",
-                remedy="fewer frequencies or points",
-            )
+        check_fits(need, "the sums do", "spectra.frequencies", "fewer frequencies or points")
 
 
 def _quantities_asked(record: str | Sequence[str], key: str, known: Collection[str], what: str) -> tuple[str, ...]:

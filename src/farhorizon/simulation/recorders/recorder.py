@@ -14,7 +14,7 @@ from farhorizon.arguments import Length, Registered
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import Blocks
-from farhorizon.machine import available_memory
+from farhorizon.machine import check_fits
 from farhorizon.simulation.recorders.fourier_sums import FourierSums, SampledSums
 
 Arrays = dict[str, np.ndarray]
@@ -293,16 +293,9 @@ def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> 
     """Return, in words, the size of a record of some nodes over all steps; raises InputError if it exceeds the
     available memory.
     """
-    size = f"about {need / 2**30:.3g} GiB for {nodes} nodes and {steps} steps"
-    if need > available_memory():
-        raise InputError(
-            "what is recorded on the shell of a box does not fit into memory",
-            value=size,
-            limit=f"{available_memory() / 2**30:.3g} GiB available",
-            key=key,
-            remedy=remedy,
-        )
-    return size
+    size = f"{nodes} nodes and {steps} steps"
+    check_fits(need, "what is recorded on the shell of a box does", key, remedy, size)
+    return f"about {need / 2**30:.3g} GiB for {size}"
 
 
 Observer = Callable[[Any], None] | Recorder

@@ -81,7 +81,7 @@ def reference_and_variation(setup: Setup, group: ProcessGroup) -> tuple[Referenc
     lattice, outside, constants = subdomain.lattice, dict[str, float](), dict[str, float]()
     if setup.model.varying:
         need = 8.0 * lattice.nodes * (_VALUES_OF_BONDS if setup.model.bonds else _VALUES)
-        check_fits(need, f"constants at {lattice.nodes} nodes", "lattice", "a coarser or smaller lattice")
+        check_fits(need, f"constants at {lattice.nodes} nodes do", "lattice", "a coarser or smaller lattice")
     values = constants_of(subdomain)
     if lattice.existing is not None:
         nodes = np.flatnonzero(lattice.existing)

@@ -10,11 +10,10 @@ import numpy as np
 
 from farhorizon.analysis.extent import Datum, Extent, Waves, extent, largest
 from farhorizon.errors import InputError
-from farhorizon.machine import available_memory
 from farhorizon.rounding import MARGIN
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.sides.layered_sides import LayeredSides, enlarged, memory_needed, too_large
+from farhorizon.simulation.sides.layered_sides import LayeredSides, check_extended, enlarged, memory_needed
 from farhorizon.simulation.time.source_terms import SourceTerm
 from farhorizon.simulation.time.start import Start
 
@@ -44,8 +43,7 @@ class Emitters:
         medium = Waves(stencil, fastest, model.integrator, near.dt, model.damping, steps)
         fixed = given or {}
         least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in errors if key not in fixed}
-        if enlarged(lattice.shape, least) * stencil.components * 2 * 8 > available_memory():
-            raise too_large(lattice.shape, least, stencil.components, 8)
+        check_extended(16 * stencil.components * enlarged(lattice.shape, least), lattice.shape, least)
         data = self._data(medium)
         sizes = [largest(medium, datum) for datum in data]
         extents: dict[Key, Extent] = {}
@@ -108,9 +106,9 @@ def extend(setup: Setup, layered: LayeredSides, emitters: Emitters, notes: list[
     doubts = _too_near({key: side for key, side in given.items() if side.target and side.until}, emitters)
     notes += doubts
     extended = replace(layered, extents=extents, doubts=layered.doubts + doubts)
-    if extending and memory_needed(setup, near.stencil, extended) > available_memory():
+    if extending:
         nodes = {key: reached.nodes for key, reached in extents.items()}
-        raise too_large(near.lattice.shape, nodes, near.stencil.components, np.dtype(setup.dtype).itemsize)
+        check_extended(memory_needed(setup, near.stencil, extended), near.lattice.shape, nodes)
     return extended
 
 

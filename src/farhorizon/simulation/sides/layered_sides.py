@@ -12,8 +12,7 @@ from farhorizon.analysis.extent import Extent
 from farhorizon.analysis.layers.profiles import weak
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.engine.engine import Layer
-from farhorizon.errors import InputError
-from farhorizon.machine import available_memory
+from farhorizon.machine import check_fits
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
@@ -74,17 +73,15 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key,
     lattice, model = setup.lattice, setup.model
     coefficients = {key: model.coefficient * (1.0 if faster is None else faster[key]) for key in sides}
     half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
-    layers = {
-        key: boundary.make_layer(
-            model.order,
-            stencil.along(key[0]).beside(coefficients[key] / model.coefficient),
-            coefficients[key],
-            lattice.spacing,
-            half_width,
-        )
-        for key, boundary in sides.items()
-        if boundary.stretched
-    }
+    made, layers = {}, {}  # sides that are alike have the same layer
+    for key, side in sides.items():
+        if side.stretched:
+            first, coefficient = stencil.along(key[0]), coefficients[key]
+            alike = id(side), id(first), coefficient
+            if alike not in made:
+                first = first.beside(coefficient / model.coefficient)
+                made[alike] = side.make_layer(model.order, first, coefficient, lattice.spacing, half_width)
+            layers[key] = made[alike]
     return LayeredSides(sides, coefficients, layers)
 
 
@@ -172,15 +169,9 @@ def memory_needed(setup: Setup, stencil: Stencil, layered: LayeredSides) -> floa
 
 def check_memory(setup: Setup, stencil: Stencil, layered: LayeredSides) -> None:
     """Raise InputError if the run does not fit into memory."""
-    need = memory_needed(setup, stencil, layered)
-    if need > available_memory():
-        raise InputError(
-            "the run does not fit into memory",
-            value=f"about {need / 2**30:.3g} GiB for {int(np.prod(setup.lattice.shape))} nodes",
-            limit=f"{available_memory() / 2**30:.3g} GiB available",
-            key="lattice",
-            remedy="a coarser or smaller lattice, thinner layers, or float32",
-        )
+    remedy = "a coarser or smaller lattice, thinner layers, or float32"
+    nodes = f"{int(np.prod(setup.lattice.shape))} nodes"
+    check_fits(memory_needed(setup, stencil, layered), "the run does", "lattice", remedy, nodes)
 
 
 def enlarged(shape: tuple[int, ...], more: Mapping[Key, int]) -> float:
@@ -188,13 +179,7 @@ def enlarged(shape: tuple[int, ...], more: Mapping[Key, int]) -> float:
     return float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(shape)]))
 
 
-def too_large(shape: tuple[int, ...], more: Mapping[Key, int], components: int, itemsize: int) -> InputError:
-    """Return the error for an extended domain that does not fit into memory."""
-    need = 3.0 * itemsize * components * enlarged(shape, more)
-    return InputError(
-        "the extended domain does not fit into memory",
-        value=f"about {need / 2**30:.3g} GiB for {enlarged(shape, more):.3g} nodes",
-        limit=f"{available_memory() / 2**30:.3g} GiB available",
-        key="boundary",
-        remedy="LatticePML, a shorter run, a larger target or float32",
-    )
+def check_extended(need: float, shape: tuple[int, ...], more: Mapping[Key, int]) -> None:
+    """Refuse an extended domain that needs too many bytes."""
+    remedy = "LatticePML, a shorter run, a larger target or float32"
+    check_fits(need, "the extended domain does", "boundary", remedy, f"{enlarged(shape, more):.3g} nodes")

@@ -179,7 +179,8 @@ class Motion:
         engine.put("u_old", engine.get("u", nodes) - change[nodes], nodes)
         engine.complete("u_old")  # drag reads the velocities of neighbours
         engine.put("memory", 0)
-        engine.apply("u_old")  # states of nodes are those of the previous step, as after any step
+        if engine.passes is not None:
+            engine.apply("u_old")  # states of nodes are those of the previous step, as after any step
         engine.begin("u")
 
     def _higher_terms(self, acceleration: np.ndarray, v: np.ndarray, resting: np.ndarray) -> np.ndarray:
