@@ -47,7 +47,7 @@ def made(kind: str, size: int, dim: int, threads: int, parts: int) -> Any:
     given: Any = {"communicator": world, "topology": grid} if world.size > 1 else {}
     start = {"u": "exp(-" + "-".join(f"({axis}-{size // 2})**2" for axis in "xyz"[:dim]) + ")"}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, start, threads=threads, **given)
-    sim.engine.advance_alone(3)
+    sim.engine.advance(3)
     return sim
 
 
@@ -69,7 +69,7 @@ def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
     engine = made(kind, size, dim, threads, parts).engine
     times, exchanges = [], []
     for _ in range(7):
-        times.append(seconds_of(engine.advance_alone, 5))
+        times.append(seconds_of(engine.advance, 5))
         if engine.exchange is not None:
             exchanges.append(
                 seconds_of(lambda count: engine.exchange.fill(engine.current, engine.components, count), 20)
@@ -88,14 +88,14 @@ def measure_overlap(kind: str, size: int, dim: int) -> None:
     from mpi4py import MPI
 
     engine = made(kind, size, dim, 1, 2).engine
-    count = max(1, int(0.005 / seconds_of(engine.advance_alone, 5)))
+    count = max(1, int(0.005 / seconds_of(engine.advance, 5)))
     least = dict.fromkeys(("ahead", "plain", "exchange"), float("inf"))
     boxes = {"ahead": engine.tables.free, "plain": np.zeros_like(engine.tables.free)}
     for _ in range(200):
         for name, box in boxes.items():
             engine.replace(free=box)
-            engine.advance_alone(1)
-            least[name] = min(least[name], seconds_of(engine.advance_alone, count))
+            engine.advance(1)
+            least[name] = min(least[name], seconds_of(engine.advance, count))
         seconds = seconds_of(lambda n: engine.exchange.fill(engine.current, engine.components, n), 5 * count)
         least["exchange"] = min(least["exchange"], seconds)
     if MPI.COMM_WORLD.rank == 0:

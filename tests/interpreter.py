@@ -163,7 +163,7 @@ class Interpreter:
             levels[:, filled] = levels[:, sent]
 
     def _keep(self) -> None:
-        if (self.inputs.before + self.step + 1) % self.inputs.stride:
+        if (self.inputs.before[0] + self.step + 1) % self.inputs.stride:
             return
         for _, place, column, count in self.inputs.recorded_nodes.tolist():
             self.inputs.node_values[self.step, column : column + count] = self.stage.out[place : place + count]
@@ -518,7 +518,7 @@ class Interpreter:
 
     def _filter(self) -> None:
         stage, tables = self.stage, self.tables.filter
-        if (self.inputs.before + self.step + 1) % tables.every:
+        if (self.inputs.before[0] + self.step + 1) % tables.every:
             return
         for c in range(self.components):
             src, base, out = (self.split(level)[c] for level in stage[:3])
@@ -605,7 +605,7 @@ class Interpreter:
         phases, nodes = self.tables.phases, self.nodes
         gone = nodes[(material.coefficient[nodes] <= 0) & (self.stage.out[nodes] < phases.saturation)]
         material.coefficient[gone] = 1
-        phases.dissolved[gone] = self.inputs.before + self.step + 1
+        phases.dissolved[gone] = self.inputs.before[0] + self.step + 1
         phases.total[0] += len(gone)
         _copy(material.coefficient, self.tables.copies)
 

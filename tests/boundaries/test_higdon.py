@@ -63,7 +63,7 @@ def one_step_map(sim):
                 array[...] = 0
             target = levels[level] if part == 0 else engine.outline_history[level]
             target[place] = 1.0
-            engine.advance(1, np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((1, 1, 0)))
+            engine.advance(1)
             columns.append(
                 np.concatenate([engine.current[places[0]], engine.older[places[0]], engine.outline_history.ravel()])
             )

@@ -150,7 +150,7 @@ def test_calls_of_mpi(wide):
     mailbox = Mailbox(wide)
     sim = connected(waves(2), mailbox)
     mailbox.calls.clear()
-    sim.engine.advance_alone(1)
+    sim.engine.advance(1)
     calls = "".join(call[0] for call in mailbox.calls)
     last, second, rest = calls.split("w")
     assert last == "rrss" and second.rstrip("t") == "rrss" and second.count("t") >= 2, calls

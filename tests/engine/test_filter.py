@@ -101,9 +101,9 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, ev
     table, depth = natural(bare.engine)
     at = table[:, 3]
     bare_state.write(start)
-    bare.engine.advance_alone(every - 1)
+    bare.engine.advance(every - 1)
     old = bare.engine.current[at].copy()
-    bare.engine.advance_alone(1)
+    bare.engine.advance(1)
     undamped = bare.engine.current[at]
     rates = np.append(0.0, RATE)[depth].sum(1)
     strength = np.sqrt(-np.expm1(-dim * rates * every * sim.dt) / dim)
@@ -153,7 +153,7 @@ def test_lines_of_the_filter_end_at_cracks(shape, walls, cuts, threads, whole):
     at = table[:, 3]
     bare_state.write(start)
     old = bare.engine.current[at].copy()
-    bare.engine.advance_alone(1)
+    bare.engine.advance(1)
     undamped = bare.engine.current[at]
     state.after(start, 1)
     strength = np.sqrt(-np.expm1(-dim * np.append(0.0, RATE)[depth].sum(1) * sim.dt) / dim)
@@ -166,7 +166,7 @@ def test_single_precision():
     single, double = (simulation(layer(), (9, 8), dtype) for dtype in ("float32", "float64"))
     for sim in (single, double):
         sim.engine.core.view(sim.engine.current)[0, 4, 4] = 1.0
-        sim.engine.advance_alone(30)
+        sim.engine.advance(30)
     a, b = (s.engine.core.view(s.engine.current) for s in (single, double))
     assert np.abs(a - b).max() <= 1e-5 * np.abs(b).max() + 1e-6  # 30 steps of 6e-8
 

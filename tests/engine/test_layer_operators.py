@@ -74,7 +74,7 @@ def test_both_compute_the_same(make):
             give_thermal_strain_beyond(engine, box, strain)
             if engine.passes is None:  # the program of definitions makes states where it needs forces of them
                 rows.append(engine.bonds.traces(engine.current)[box])
-            engine.advance_alone(1)
+            engine.advance(1)
             rows.append(engine.current[engine.all_components(box)])
         found.append(rows)
     digits = 1e-12 if sims[0].engine.dtype == np.float64 else 1e-4

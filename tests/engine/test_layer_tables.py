@@ -132,7 +132,7 @@ def test_every_layer_is_that_of_continued_fields(dim, components, mirrored, kept
     steps = 25
     for _ in range(steps):
         old, new = new, 2 * new - old + dt**2 * reference.apply(new, offsets, weights)
-    engine.advance_alone(steps)
+    engine.advance(steps)
     found = box.view(engine.current).reshape(new.shape)
     assert np.abs(found - new).max() < error * np.abs(new).max()
     assert np.abs(new).max() > 1e-3
@@ -159,7 +159,7 @@ def test_layers_along_the_last_axis_are_those_along_another_one(components, mirr
         engine = Engine(shape, *given, stages, dt, layers=layers, real=real)
         for level in engine.levels:
             engine.core.view(level)[...] = values.reshape(engine.core.view(level).shape)
-        engine.advance_alone(40)
+        engine.advance(40)
         last = engine.core.view(engine.current).reshape(values.shape)
         found.append(last[::-1].swapaxes(1, 2) if turned else last)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=error * np.abs(found[0]).max())

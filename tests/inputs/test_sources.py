@@ -1,8 +1,11 @@
 """Sources: how they separate into space and time, their effect on a run, and what is refused."""
 
+import os
+
 import numpy as np
 import pytest
 
+import farhorizon as fh
 from farhorizon import (
     Diffusion,
     Disc,
@@ -17,8 +20,10 @@ from farhorizon import (
     Source,
     Wave,
 )
-from farhorizon.inputs.sources import checked, split
+from farhorizon.inputs.sources import at_times, checked, space_and_time, split
 from helpers import kernel_stencil, lattice_of
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
 
 LATTICE = lattice_of((9, 11), 0.5)
 X, Y = LATTICE.coordinates()
@@ -208,3 +213,29 @@ def test_data_whose_squares_overflow_are_refused():
     sim = Simulation(lattice, Wave(Kernel(2.0)), Free(), {"u": lambda x: 1e150 * np.exp(-(x**2))})
     sim.step(20)
     assert np.isfinite(sim.energy())
+
+
+FACTORS = {
+    "signal": fh.Ricker(0.3),
+    "burst": fh.ToneBurst(0.4, 5),
+    "expression": fh.Expression("where(t < 3, sin(2*t)*exp(-t), t**3/7)").on(0),
+    "product": space_and_time(fh.Source("x*cos(t)", fh.Ricker(0.3)))[1],
+    "function": lambda t: float(np.sin(t)),
+}
+
+
+@pytest.mark.parametrize("time", FACTORS.values(), ids=FACTORS)
+def test_factors_at_many_times_are_those_at_each_and_in_other_batches(time):
+    """The latter to the last bit, because a run that is resumed makes its steps in other batches."""
+    print(f"seed {SEED}")
+    times = np.random.default_rng(SEED).uniform(0, 12, 300)
+    together = at_times(time, times)
+    np.testing.assert_allclose(together, [time(t) for t in times], rtol=1e-14, atol=1e-15)
+    for cut in (1, 7, 8, 131):
+        pieces = [at_times(time, part) for part in np.split(times, np.arange(cut, times.size, cut))]
+        np.testing.assert_array_equal(np.concatenate(pieces), together)
+
+
+def test_a_factor_that_returns_more_than_one_number_is_refused():
+    with pytest.raises(fh.InputError, match=r"source\.time"):
+        at_times(lambda t: np.array([t, t]), np.arange(3.0))

@@ -150,7 +150,7 @@ def test_a_run_that_was_not_finite_goes_on_from_a_checkpoint(tmp_path):
     sim.load(tmp_path / "state.ckpt")
     with as_before(sim.engine):
         sim.engine.core.view(sim.engine.current)[...] = np.nan
-        sim.engine.advance_alone(20)
+        sim.engine.advance(20)
     sim.step(20)
     np.testing.assert_array_equal(sim.fields["u"], found)
 

@@ -67,7 +67,7 @@ def seconds_near_breaking(sim: Examined) -> float:
                     at = engine.core.node_indices() + axis * engine.layout.size
                     engine.put(name, size * np.sin(2 * np.pi * place / _WAVE), at)
             begin = perf_counter()
-            engine.advance_alone(_FEW_STEPS)
+            engine.advance(_FEW_STEPS)
             took = perf_counter() - begin
             least, spent = min(least, took / _FEW_STEPS if number else np.inf), spent + took  # the first loads code
             if spent > _ENOUGH_TIME and number:

@@ -558,7 +558,8 @@ class Engine:
     def _no_inputs(self, steps: int) -> Inputs:
         """Return inputs without sources for a number of steps; prescribed values are zero."""
         inputs = self._call_cache.zero_inputs(steps, self.tables, self.held, self._watched, self.watch_stride)
-        return inputs._replace(before=self.steps_done)
+        inputs.before[0] = self.steps_done
+        return inputs
 
     def sweep_in_pieces(self, rows: int) -> None:
         """Sweep whole multiples of a number of rows at a time from now on."""
@@ -569,36 +570,37 @@ class Engine:
     def advance(
         self,
         steps: int,
-        source_nodes: np.ndarray,
-        source_fields: np.ndarray,
-        source_times: np.ndarray,
+        source_nodes: np.ndarray | None = None,
+        source_fields: np.ndarray | None = None,
+        source_times: np.ndarray | None = None,
         held_values: np.ndarray | None = None,
         dependent_fields: np.ndarray | None = None,
         dependent_times: np.ndarray | None = None,
         impactor_paths: np.ndarray | None = None,
     ) -> None:
-        """Run steps without returning to Python; sources, held and dependent values are those of `Inputs`. If the shape
-        of one does not match the steps, this raises an IndexError in place of running the loop, which checks no bounds.
+        """Run steps without returning to Python; sources, held and dependent values are those of `Inputs`, or else none
+        and zero. If the shape of one does not match the steps, this raises an IndexError in place of running the loop,
+        which checks no bounds.
         """
         self._lengthen_history(steps)
-        inputs = self._no_inputs(steps)
+        inputs, given = self._no_inputs(steps), dict[str, np.ndarray]()
         self.node_values, self.block_values = inputs.node_values, inputs.block_values
-        inputs = inputs._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
+        if source_nodes is not None:
+            given |= {"source_nodes": source_nodes, "source_fields": source_fields, "source_times": source_times}
         if held_values is not None:
-            inputs = inputs._replace(held_values=np.asarray(held_values, float))
+            given["held_values"] = np.asarray(held_values, float)
         if self.forces_wanted:
-            self.held_forces = np.zeros((steps, len(self.held)))
-            inputs = inputs._replace(held_forces=self.held_forces)
+            given["held_forces"] = self.held_forces = np.zeros((steps, len(self.held)))
         if dependent_fields is not None and dependent_times is not None:
-            times = np.ascontiguousarray(dependent_times)
-            inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)
+            given |= {"dependent_fields": dependent_fields, "dependent_times": np.ascontiguousarray(dependent_times)}
         if impactor_paths is not None:
-            inputs = inputs._replace(impactor_paths=np.asarray(impactor_paths, float))
+            given["impactor_paths"] = np.asarray(impactor_paths, float)
             if self.impactors_recorded:
                 shapes, components = impactor_paths.shape[1:]
-                self.impactor_values = np.zeros((steps, shapes, 3 * components + 1))
-                inputs = inputs._replace(impactor_values=self.impactor_values)
-        check_room(self.tables, inputs, steps)
+                given["impactor_values"] = self.impactor_values = np.zeros((steps, shapes, 3 * components + 1))
+        if given or len(self.tables.ends.history):
+            inputs = inputs._replace(**given)
+            check_room(self.tables, inputs, steps)
         if self.exchange is not None:
             self.exchange.agree((steps,))
         tables = self._call_cache.planned(self.tables, inputs)
@@ -608,11 +610,6 @@ class Engine:
             self.loop(steps, self.phase, self.levels, tables, inputs)
         self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
-
-    def advance_alone(self, steps: int) -> None:
-        """Run steps without sources; prescribed values are zero."""
-        inputs = self._no_inputs(steps)
-        self.advance(steps, inputs.source_nodes, inputs.source_fields, inputs.source_times)
 
     def remembered(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
         """Yield the parts of the memory: name, places, and the axes of the box that the last axes of the places belong
@@ -732,7 +729,7 @@ class CallCache:
             self._zero_inputs = (
                 given,
                 Inputs(
-                    before=0,
+                    before=np.zeros(1, np.int64),
                     source_nodes=none,
                     source_fields=np.zeros((0, 0), times.dtype),
                     source_times=times,

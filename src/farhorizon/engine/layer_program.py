@@ -149,7 +149,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
     clear(shifted + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
         clear(shifted + far, width * m * LINES, like)
-    chunk, dithered = chunk_of(thread, components * groups), dither(inputs.before + step)
+    chunk, dithered = chunk_of(thread, components * groups), dither(inputs.before[0] + step)
     for item in range(chunk[0], chunk[1]):
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
@@ -596,7 +596,7 @@ def copy_slots(thread, stage, sums, tables, inputs, step, number):
 
 def stretch_faces(thread, stage, sums, tables, inputs, step, number):
     """Add what the layers along an axis, the number, contribute; see `add_bands`."""
-    ranges, dithered = sums.layers.item_ranges, dither(inputs.before + step)
+    ranges, dithered = sums.layers.item_ranges, dither(inputs.before[0] + step)
     for i in range(ranges[1 - number] + thread.number, ranges[2 - number], thread.threads):
         call_with(sums.called[FACE], stage, sums, (thread.number, i, dithered))
     barrier(thread)

@@ -97,9 +97,7 @@ class CompiledLoop:
         self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs, threads: int
     ) -> None:
         """Do `steps` steps of the tables on some threads."""
-        last = self._tables
-        table = last if last is not None and last.table is tables else Struct(tables, last)
-        outside = Struct(inputs, self._inputs)
+        table, outside = _made(tables, self._tables), _made(inputs, self._inputs)
         if not self._serves(levels, table, outside):
             self._kept, self._calls = _calls(levels, table, outside)
         self._levels, self._tables, self._inputs = levels, table, outside
@@ -110,12 +108,19 @@ class CompiledLoop:
         """Whether the calls made last time are still valid."""
         if levels is not self._levels or self._tables is None or self._inputs is None:
             return False
+        if tables is self._tables and inputs is self._inputs:
+            return True
         before, now = self._tables.table, tables.table
         return (
             inputs.type is self._inputs.type
             and (now is before or _alike(now, before))
             and _records(now, inputs.table) == _records(before, self._inputs.table)
         )
+
+
+def _made(table: Tables | Inputs, last: Struct | None) -> Struct:
+    """The struct of a table: that of the last one if it is the same."""
+    return last if last is not None and last.table is table else Struct(table, last)
 
 
 def _alike(tables: Tables, before: Tables) -> bool:

@@ -370,7 +370,7 @@ def add_exact_ends(thread, stage, sums, tables, inputs, step, number):
 @operation(FILTER)
 def filter_layers(thread, stage, sums, tables, inputs, step, number):
     """Damp short waves in the layers."""
-    if (inputs.before + step + 1) % tables.filter.every == 0:
+    if (inputs.before[0] + step + 1) % tables.filter.every == 0:
         damp_short_waves(thread, stage, tables.filter)
 
 
@@ -420,7 +420,7 @@ def fill_halo_of_outline(thread, stage, sums, tables, inputs, step, number):
 def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
     """Turn solid nodes liquid; where some have changed, find the runs of tiles anew."""
     phases, coefficient = tables.phases, sums.material.coefficient
-    dissolve(thread, stage.out, coefficient, sums.sweep, phases, inputs.before + step + 1)
+    dissolve(thread, stage.out, coefficient, sums.sweep, phases, inputs.before[0] + step + 1)
     barrier(thread)
     if phases.total[0] != phases.total[1]:
         find_runs(thread, phases)

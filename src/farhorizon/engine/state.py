@@ -93,7 +93,7 @@ class State:
         if np.iscomplexobj(values):
             return self.after(values.real, steps) + 1j * self.after(values.imag, steps)
         self.write(values)
-        self.engine.advance_alone(steps)
+        self.engine.advance(steps)
         return self.read()
 
     def after_rounds(self, values: np.ndarray, rounds: int = 1) -> np.ndarray:

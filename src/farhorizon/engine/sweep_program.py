@@ -447,7 +447,7 @@ def keys_of(sweep, number):
 @njit(error_model="numpy", cache=True, counted=False)
 def is_kept(inputs, step):
     """Whether recorders want the field after a step."""
-    return (inputs.before + step + 1) % inputs.stride == 0
+    return (inputs.before[0] + step + 1) % inputs.stride == 0
 
 
 def record_nodes_part(thread, stage, sums, tables, inputs, step, number):

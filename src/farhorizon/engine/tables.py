@@ -158,7 +158,7 @@ class Flows(NamedTuple):
 class Inputs(NamedTuple):
     """Inputs of a number of steps, and what is recorded; S source nodes, J source fields, H held nodes."""
 
-    before: int  # number of steps done before
+    before: np.ndarray  # number of steps done before, shape (1,)
     source_nodes: np.ndarray  # shape (S,)
     source_fields: np.ndarray  # shape (J, S)
     source_times: np.ndarray  # amplitudes of the fields, shape (steps, stages, J)

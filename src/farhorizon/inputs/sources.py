@@ -14,6 +14,7 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import Expression, as_given, as_signal
+from farhorizon.inputs.signals import Signal
 
 #: Range of the largest value of data for each type of numbers: the squares of larger values, as in an energy and its
 #: parts, overflow, and those of smaller ones vanish. In single precision the range leaves room for the coefficients by
@@ -65,6 +66,29 @@ def steady(t: float) -> float:
     return 1.0
 
 
+@dataclass(frozen=True)
+class TimeFactors:
+    """The product of two functions of time."""
+
+    first: Callable[[float], Any]
+    second: Callable[[float], Any]
+
+    def __call__(self, t: float) -> float:
+        return float(self.first(t)) * float(self.second(t))
+
+
+def at_times(time: Callable[[float], Any], times: np.ndarray, key: str = "source.time") -> np.ndarray:
+    """Values of a function of time, which are numbers, at times of any shape: signals and expressions are evaluated at
+    all times at once, functions in Python at one after the other.
+    """
+    if isinstance(time, TimeFactors):
+        return at_times(time.first, times, key) * at_times(time.second, times, key)
+    if isinstance(time, Expression | Signal):
+        return kinds.array(time(times), key, shape=times.shape, finite=False)
+    each = kinds.array([time(t) for t in times.ravel()], key, shape=(times.size,), finite=False)
+    return each.reshape(times.shape)
+
+
 def as_source(source: Any, dim: int, key: str) -> Any:
     """Return a source, or a value that is given like one, with texts as `Expression` of the lattice's coordinates;
     raises InputError for a text that is not one, and a function of other arguments than these and, without a factor of
@@ -91,7 +115,7 @@ def space_and_time(source: Any) -> tuple[Any, Callable[..., Any]]:
         if both is None:
             return None, lambda *at: value(*at[:-1], t=at[-1]) * factor(at[-1])
         space, history = both
-        return space, lambda t: float(history(t=t)) * factor(t)
+        return space, history if time is None else TimeFactors(history, time)
     if callable(value) and time is None:
         return None, value
     return value, time or steady

@@ -17,9 +17,9 @@ from farhorizon.arguments import Duration, OfTime
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.expressions import Expression, as_signal
+from farhorizon.inputs.expressions import as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
-from farhorizon.inputs.signals import Signal
+from farhorizon.inputs.sources import at_times
 from farhorizon.medium.stratified_medium import StratifiedMedium
 
 _POLARISATIONS = ("P", "S")
@@ -61,17 +61,11 @@ class TravellingWave(Incident):
         check_within(self.within)
 
     def at(self, times: ArrayLike) -> np.ndarray:
-        """The signal at times of any shape: zero before 0 and after its duration. Signals that are not functions in
-        Python are evaluated at all times at once.
-        """
+        """The signal at times of any shape: zero before 0 and after its duration."""
         times = np.asarray(times, float)
         during = (times >= 0) & (times <= self.duration)
-        within, values = times[during], np.zeros(times.shape)
-        if isinstance(self.signal, Expression | Signal):
-            values[during] = kinds.array(self.signal(within), "incident.signal", shape=within.shape, finite=False)
-        else:
-            each = [kinds.array(self.signal(t), "incident.signal", shape=(), finite=False) for t in within.tolist()]
-            values[during] = each
+        values = np.zeros(times.shape)
+        values[during] = at_times(self.signal, times[during], "incident.signal")
         return values
 
     def velocities(self, times: np.ndarray) -> np.ndarray | None:

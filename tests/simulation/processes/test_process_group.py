@@ -311,7 +311,7 @@ if MPI.COMM_WORLD.rank == 1 and {killed}:
 elif MPI.COMM_WORLD.rank == 1:
     raise RuntimeError("nothing left")
 print("steps", flush=True)
-sim.engine.advance_alone(10**9)
+sim.engine.advance(10**9)
 """
 
 

@@ -89,7 +89,7 @@ class NearField:
         """Largest rate of the medium with all its bonds, without reaction, from the symbol of the stencil."""
         return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.contrast)
 
-    @property
+    @cached_property
     def growth(self) -> float:
         """Rate (1/time) at which the medium itself lets a uniform field grow: that of a negative reaction."""
         drawn = -float(self.stencil.reaction) if self.stencil.components == 1 else 0.0

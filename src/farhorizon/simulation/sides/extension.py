@@ -10,6 +10,7 @@ import numpy as np
 
 from farhorizon.analysis.extent import Datum, Extent, Waves, extent, largest
 from farhorizon.errors import InputError
+from farhorizon.inputs.sources import at_times
 from farhorizon.rounding import MARGIN
 from farhorizon.simulation.setup.near_field import NearField
 from farhorizon.simulation.setup.setup import Key, Setup, Sides, side_name
@@ -82,7 +83,7 @@ class Emitters:
         times = near.dt * np.arange(medium.steps if waves else 0)
         for space, time in self.source_terms:
             if space is not None:
-                history = np.array([float(time(t)) for t in times])
+                history = at_times(time, times)
                 data.append(("source" if waves else "u", space * near.model.source_factor, history))
         parts = [
             Datum(part, kind, time) for kind, values, time in data for part in np.reshape(values, (-1, *lattice.shape))

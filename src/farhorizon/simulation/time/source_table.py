@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon.engine.settings import set_dependents
 from farhorizon.errors import InputError
-from farhorizon.inputs.sources import steady
+from farhorizon.inputs.sources import at_times, steady
 from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
@@ -86,16 +86,9 @@ class SourceTable:
         near, engine = self.near, self.grid.engine
         dtype, stages, held = engine.dtype, len(engine.stages.numbers), near.conditions
         if not self.source_terms and not held.nodes.size:
-            nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
-            engine.advance(
-                steps,
-                np.zeros(0, np.int64),
-                nothing,
-                still,
-                self._prescribed(step, steps),
-                impactor_paths=self._paths(step, steps),
-            )
+            engine.advance(steps, held_values=self._prescribed(step, steps), impactor_paths=self._paths(step, steps))
             self._grow(steps)
+            nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
             yield Batch(steps, np.zeros(0, np.int64), nothing, still)
             return
         integrator = near.model.integrator
@@ -218,7 +211,7 @@ class SourceTable:
             elif time is steady:
                 table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
             else:
-                values = np.array([[time(t + s) for s in samples] for t in times], float)
+                values = at_times(time, times[:, None] + np.array(samples))
                 # a product of matrices may be rounded in another way if a run makes the same steps in other batches
                 table.append(sum(values[:, i, None] * weights[:, i] for i in range(len(samples))))
         if not table:

@@ -167,10 +167,10 @@ def seconds_of(engine: Engine) -> float:
     period = engine.every  # steps from one application of the layers' filter to the next
     count, least, spent = period, np.inf, 0.0
     with as_before(engine):
-        engine.advance_alone(period)  # the first steps load compiled code
+        engine.advance(period)  # the first steps load compiled code
         while spent < _TIMED:
             begin = perf_counter()
-            engine.advance_alone(count)
+            engine.advance(count)
             took = perf_counter() - begin
             least, spent = min(least, took / count), spent + took
             count = period * int(np.clip(_PIECE / least / period, 1, _MOST))
