@@ -24,24 +24,29 @@ from pathlib import Path
 import cases
 import foreign
 import machinery
+import numpy as np
 
 BAD = ("traceback", "crash", "hang", "not finite", "other resume", "wrong exit")
 MOST_STEPS = 60
 LIMIT = 180.0  # seconds of processor time per case
 LARGEST = 2**28  # bytes of the largest set-up that is run: `check` reports the memory of larger ones
+SLOWEST = 10.0  # seconds that `MOST_STEPS` steps may take, by their products
+CHOICE = 5.0  # seconds that choosing layers may take, by the same count; users wait for up to a minute
 
 
 def large(sim):
     """Return whether a run is too large to be computed."""
     import farhorizon as fh
+    from farhorizon.analysis.stability import step_seconds
 
-    return isinstance(sim, fh.Simulation) and sim.engine.nbytes > LARGEST
+    if not isinstance(sim, fh.Simulation):
+        return False
+    products = float(np.prod(sim.engine.core.nodes)) * sim.stencil.weights.size
+    return sim.engine.nbytes > LARGEST or MOST_STEPS * step_seconds(products) > SLOWEST
 
 
 def library(text, folder):
     """Run a case from Python, and its second half again from its checkpoint."""
-    import numpy as np
-
     import farhorizon as fh
     from farhorizon.case.case import Case
 
@@ -116,6 +121,9 @@ def command(text, folder, arguments):
 
 def answer(job):
     """Return the class of one case, and where it went wrong."""
+    from farhorizon.simulation.sides import trials
+
+    trials._MOST_SECONDS = CHOICE
     rng = machinery.random_of(job["seed"], job["number"])
     text, odd = cases.random_case(rng, job.get("share", cases.ODD_SHARE))
     mode = rng.random()
