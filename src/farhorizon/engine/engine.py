@@ -583,7 +583,7 @@ class Engine:
         which checks no bounds.
         """
         self._lengthen_history(steps)
-        inputs, given = self._no_inputs(steps), dict[str, np.ndarray]()
+        inputs, given = self._no_inputs(steps), dict[str, Any]()
         self.node_values, self.block_values = inputs.node_values, inputs.block_values
         if source_nodes is not None:
             given |= {"source_nodes": source_nodes, "source_fields": source_fields, "source_times": source_times}

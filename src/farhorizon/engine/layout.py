@@ -125,7 +125,7 @@ def with_defaults(table: type[Table], real: np.dtype, /, **given: Any) -> Table:
     share. Machine code depends on the types of all fields, so that the precision `real` matters even where an array is
     empty.
     """
-    return table(**(_defaults(table, np.dtype(real)) | given))
+    return table(**(_defaults(table, np.dtype(real)) | given))  # type: ignore[arg-type]  # types are hashable
 
 
 @lru_cache

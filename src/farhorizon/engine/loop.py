@@ -143,7 +143,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         for which in passes
     }
     known = tables.known()
-    sums = {which: _sums(table, which, *map(len, parts[which]), known) for which in passes}
+    sums = {which: _sums(table, which, len(parts[which][0]), len(parts[which][1]), known) for which in passes}
     of_stages = [
         {which: _of_stage(one, part, len(lists), known) for which, one in sums.items()} for part in range(len(lists))
     ]

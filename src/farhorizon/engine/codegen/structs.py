@@ -109,8 +109,8 @@ def _part(value: Any, last: Any, known: dict[int, Struct]) -> Struct | _Value:
     if isinstance(value, (float, np.floating)):
         bits = np.zeros(1, np.int64)
         bits.view(type(value))[0] = value
-        return _Value(_number_type(type(value)), (int(bits[0]),))
-    return _Value(_number_type(type(value)), (int(value),))
+        return _Value(_number_type(type(value)), (int(bits[0]),))  # type: ignore[arg-type]  # types are hashable
+    return _Value(_number_type(type(value)), (int(value),))  # type: ignore[arg-type]
 
 
 class StructType(types.Type):
