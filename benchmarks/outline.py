@@ -26,8 +26,8 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 import farhorizon as fh
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import available_threads
+from farhorizon.engine.features.outline_stencil import OutlineStencil
 from farhorizon.engine.layout import with_defaults
-from farhorizon.engine.outline_stencil import OutlineStencil
 from farhorizon.models import LatticeModel
 
 

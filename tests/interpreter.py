@@ -11,15 +11,16 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from farhorizon.engine import operations as op
+from farhorizon.engine import feature_list
+from farhorizon.engine import passes as op
 from farhorizon.engine.bonds import LAW_EXTENT, LAW_FIRST, PHASES, Bonds, factors_of
 from farhorizon.engine.damage import STATES_AGAIN
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
-from farhorizon.engine.filter import Filter
-from farhorizon.engine.impactors import BOX, DIFFERENCE, ROUND, UNION, Impactors
+from farhorizon.engine.features.filter import Filter
+from farhorizon.engine.features.impactors import BOX, DIFFERENCE, ROUND, UNION, Impactors
 from farhorizon.engine.shape_tensors import stress_left
-from farhorizon.engine.tables import Inputs, Material, Stage
+from farhorizon.engine.tables import Inputs, Material, Stage, Tables
 from farhorizon.engine.two_pass import TwoPassOperator
 from farhorizon.geometry.shapes import Polygon
 from stretched_shifts import StretchedShifts
@@ -45,45 +46,19 @@ class Interpreter:
         self.memory: dict[object, np.ndarray] = {}
         self.shifts = StretchedShifts(engine, self.memory)
         self.states = None if engine.passes is None else _States(self, engine.passes)
-        self.heat = heat = _Heat(self)
-        self.methods: dict[int, Callable[..., None]] = {
+        self.heat = _Heat(self)
+        self.methods: dict[str, Callable[..., None]] = {
             op.COPY: self._copy,
             op.SEND: lambda number: None,  # `receive` reads the values where they are
             op.RECEIVE: self.receive,
             op.AHEAD: lambda: None,  # `_sweep` sweeps all rows
-            op.DISSOLVE_HALO: self._dissolve_halo,
-            op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
             op.SWEEP: self._sweep,
             op.CUT: self._cut,
-            op.TOUCH: self._touch,
             op.STRETCH: self._stretch,
-            op.ENDS: self._exact_ends,
-            op.ADD_SOURCES: self._add_sources,
-            op.RELAX: self._relax,
-            op.DISSIPATE: self._dissipate,
-            op.INERTIA: self._weigh_down,
-            op.KEEP_INCREMENTS: self._take_increments,
-            op.DRAG: self._drag,
-            op.DAMP_NEW: self._damp_new,
-            op.FILTER: self._filter,
-            op.DAMPERS: self._dampers,
-            op.HOLD: self._hold,
-            op.WORK: self._work,
-            op.FLOW_LAYERS: self._flow_of_layers,
-            op.FLOW: self._flow,
-            op.DEPEND: self._depend,
-            op.OUTLINE: self._fringe,
-            op.PUSH: self._push,
-            op.WORK_OF_PUSHES: self._work_of_pushes,
-            op.DISSOLVE: self._dissolve,
-            op.RECORD: self._keep,
-            op.THERMAL_FORCES: heat.subtract_thermal_forces,
-            op.ADVANCE_STRAINS: heat.advance_thermal_strains,
-            op.THERMAL_FORCES_BEYOND: heat.subtract_thermal_forces_beyond,
         }
 
-    def __call__(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
+    def __call__(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
         """Advance as `loop.run` does; given a memory other than the engine's, leave that of the layers as it was."""
         kept = (
             None
@@ -91,6 +66,7 @@ class Interpreter:
             else {k: a.copy() for k, a in self.memory.items()}
         )
         self.tables, self.inputs = tables, inputs
+        whole = {step.name for step in feature_list.steps() if step.whole}
         for self.step in range(steps):
             for part in range(tables.rotation.shape[1]):
                 src, base, out = (levels[i] for i in tables.rotation[phase, part])
@@ -99,19 +75,22 @@ class Interpreter:
                 self.stage = Stage(
                     src, base, out, part, a, a_difference, b, scale, tables.increments, self.components, self.components
                 )
-                first, last = tables.starts[part : part + 2]
-                for operation, number, which in tables.operations[first:last].tolist():
-                    if operation in (op.FILTER, op.DAMPERS):  # of the increments of the whole step
+                for operation, number, which in tables.operations[part]:
+                    if operation in whole:  # of the increments of the whole step
                         self.stage = self.stage._replace(src=levels[tables.rotation[phase, 0, 0]])
                     if which in (op.PUSHES, op.TRACES) and operation == op.STRETCH:
                         self.heat.stretch(number, which)
                     elif which == op.NEIGHBOURS and operation == op.STRETCH:
                         self._stretch_neighbours(number)
+                    elif which == op.INFLOW:
+                        self._flow_of_layers(operation, number)
                     elif which in (op.GRADIENT, op.DIVERGENCE):
                         assert self.states is not None
                         self.states.run(operation, number, which)
                     else:
-                        self.methods[operation](*[number] * (operation in (op.STRETCH, op.SEND, op.RECEIVE)))
+                        of_feature = getattr(self, operation, None) or getattr(self.heat, operation, None)
+                        method = self.methods.get(operation, of_feature)
+                        method(*[number] * (operation in (op.STRETCH, op.SEND, op.RECEIVE)))
             phase = (phase + 1) % len(tables.rotation)
         if kept is not None:
             self.memory.clear()
@@ -130,7 +109,7 @@ class Interpreter:
         if stage.increments:
             stage.base[nodes] = stage.out[nodes] - stage.src[nodes]
 
-    def _hold(self) -> None:
+    def hold(self) -> None:
         stage, nodes, values = self.stage, self.inputs.held, self.inputs.held_values[self.step]
         mobility = (
             np.tile(self.tables.mobility, self.components) if self.tables.mobility.size else np.ones(stage.out.size)
@@ -162,14 +141,18 @@ class Interpreter:
             assert to == source == messages.link.rank
             levels[:, filled] = levels[:, sent]
 
-    def _keep(self) -> None:
-        if (self.inputs.before[0] + self.step + 1) % self.inputs.stride:
-            return
-        for _, place, column, count in self.inputs.recorded_nodes.tolist():
+    def _is_recorded(self) -> bool:
+        return (self.inputs.before[0] + self.step + 1) % self.inputs.stride == 0
+
+    def record_nodes_last(self) -> None:
+        for _, place, column, count in self.inputs.recorded_nodes.tolist() if self._is_recorded() else ():
             self.inputs.node_values[self.step, column : column + count] = self.stage.out[place : place + count]
+
+    def record_blocks_last(self) -> None:
         block_sums = self.tables.block_sums
         sizes = np.repeat(block_sums.sets[:, 1:], block_sums.sets[:, 0], axis=0).tolist()
-        for (_, place, *first, column), nodes in zip(block_sums.rows.tolist(), sizes, strict=True):
+        rows = zip(block_sums.rows.tolist(), sizes, strict=True) if self._is_recorded() else ()
+        for (_, place, *first, column), nodes in rows:
             along = [block_sums.weights[a : a + count] for a, count in zip(first, nodes, strict=True)]
             block = np.lib.stride_tricks.as_strided(
                 self.stage.out[place:], nodes, block_sums.stride * self.stage.out.itemsize
@@ -302,7 +285,7 @@ class Interpreter:
         weights = cuts.weights.reshape(-1, d, d)
         self.add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
 
-    def _touch(self) -> None:
+    def touch(self) -> None:
         """Push the faces of cracks apart along their normals; friction draws them back until it slips."""
         faces, kept = self.tables.faces, self.stage
         if not len(faces.nodes):
@@ -373,20 +356,20 @@ class Interpreter:
 
     # --- the rest of a stage -----------------------------------------------------------------------------------
 
-    def _damp_old(self) -> None:
+    def damp_old(self) -> None:
         stage, (nodes, before, _, _) = self.stage, self.tables.damping
         if stage.increments:
             stage.base[nodes] *= before
         else:
             stage.base[nodes] = stage.src[nodes] - (stage.src[nodes] - stage.base[nodes]) * before
 
-    def _weigh_down(self) -> None:
+    def scale_by_mobility(self) -> None:
         stage, nodes = self.stage, self.engine.all_components(self.nodes)
         src, mobile = stage.src[nodes], np.tile(self.tables.mobility[self.nodes], self.components)
         free = src - stage.b * (src - stage.base[nodes])
         stage.out[nodes] = free + mobile * (stage.out[nodes] - free)
 
-    def _relax(self) -> None:
+    def relax_all_forces(self) -> None:
         """Filter what the forces have done, in the recursive form."""
         stage, nodes = self.stage, self.engine.all_components(self.nodes)
         relaxations, src = self.tables.relaxations, stage.src[nodes]
@@ -398,7 +381,7 @@ class Interpreter:
         stage.out[nodes] -= relaxed.sum(0) + weaker * force
         relaxations.memory[:, nodes] = keep * relaxed + (later - keep * now) * force
 
-    def _dissipate(self) -> None:
+    def dissipate(self) -> None:
         """Move the dashpots, which follow from the history of the displacement, and accumulate their power."""
         stage, nodes, dissipation = self.stage, self.engine.all_components(self.nodes), self.tables.dissipation
         share, rate, keep, before, now = (factors[:, None] for factors in dissipation[:5])
@@ -412,7 +395,7 @@ class Interpreter:
         dissipation.lost[inside[:2]] += shown.sum((0, 3))
         dissipation.slid[:, nodes] = keep * dashpots + before * src
 
-    def _take_increments(self) -> None:
+    def keep_increments(self) -> None:
         self.tables.drag.moved[:] = self.stage.src - self.stage.base
 
     def _stretch_neighbours(self, axis: int) -> None:
@@ -421,7 +404,7 @@ class Interpreter:
         sums = self.stretched(axis, self.split(drag.moved), drag_pass.weights, op.NEIGHBOURS)
         self.split(drag.beyond)[:, self.nodes] += sums.reshape(self.components, -1)
 
-    def _drag(self) -> None:
+    def drag_nodes(self) -> None:
         drag, stage = self.tables.drag, self.stage
         nodes = self.nodes[self.engine.absent.exists[self.nodes]]
         increments, beyond = self.split(drag.moved), self.split(drag.beyond)
@@ -439,7 +422,7 @@ class Interpreter:
         mobility = self.tables.mobility[nodes] if self.tables.mobility.size else 1.0
         drag.lost[0, 0] -= 0.5 * (near * pull * change / mobility).sum()
 
-    def _push(self) -> None:
+    def push_with_shapes(self) -> None:
         impactors, stage, d = self.tables.impactors, self.stage, self.components
         spacing, dt = impactors.scales
         box = tuple(slice(a, b) for a, b in zip(impactors.first, impactors.end, strict=True))
@@ -477,18 +460,18 @@ class Interpreter:
             v[:] = after
             x[:] = x + dt * after if lightness else path
 
-    def _work_of_pushes(self) -> None:
+    def sum_work_of_pushes(self) -> None:
         forces, stage = self.tables.impactors.forces, self.stage
         if self.tables.work.size:
             self.tables.work[0] += 0.5 * forces @ (stage.out - stage.base)
         forces[:] = 0
 
-    def _damp_new(self) -> None:
+    def damp_new(self) -> None:
         stage, (nodes, _, after, leak) = self.stage, self.tables.damping
         u = stage.src[nodes]
         self._set(nodes, u + (stage.out[nodes] - u) * after - stage.scale * leak * u)
 
-    def _exact_ends(self) -> None:
+    def add_exact_ends(self) -> None:
         stage, ends = self.stage, self.tables.ends
         step, reach, half = int(ends.clock[0]), ends.nodes.shape[1], ends.poles.shape[2]
         ends.clock[0] += 1
@@ -510,13 +493,13 @@ class Interpreter:
             gains = flows.effects[stage.part] * ends.forces[end, :reach][counted]
             np.add.at(flows.totals[0], flows.ends[end][counted] if counted.any() else nodes[:0], gains)
 
-    def _add_sources(self) -> None:
+    def add_sources(self) -> None:
         stage, inputs = self.stage, self.inputs
         amplitudes = self.tables.numbers[stage.part, 4] * inputs.source_times[self.step, stage.part]
         for level in (stage.out, stage.base)[: 1 + stage.increments]:
             level[inputs.source_nodes] += amplitudes @ inputs.source_fields
 
-    def _filter(self) -> None:
+    def filter_layers(self) -> None:
         stage, tables = self.stage, self.tables.filter
         if (self.inputs.before[0] + self.step + 1) % tables.every:
             return
@@ -531,7 +514,7 @@ class Interpreter:
                 if stage.increments:
                     base -= taken
 
-    def _dampers(self) -> None:
+    def advance_hanging_masses(self) -> None:
         stage, tables = self.stage, self.tables.dampers
         last, p, q = tables.states.reshape(3, self.components, -1)
         for node, strength, state, count, number in tables.runs:
@@ -546,13 +529,13 @@ class Interpreter:
             for level in (out, base)[: 1 + stage.increments]:
                 level += gained
 
-    def _work(self) -> None:
+    def sum_work(self) -> None:
         stage, inputs = self.stage, self.inputs
         change = stage.out[inputs.source_nodes] - stage.base[inputs.source_nodes]
         fields, times = inputs.source_fields, inputs.source_times[self.step, stage.part]
         self.tables.work[0] += 0.5 * (times @ fields) @ change
 
-    def _flow(self) -> None:
+    def add_flow(self) -> None:
         flows, src = self.tables.flows, self.stage.src
         inner = flows.neighbours >= 0
         neighbours = np.where(inner, flows.neighbours, flows.nodes)
@@ -560,18 +543,19 @@ class Interpreter:
         gaps = np.where(inner, gaps, -src[flows.nodes])
         np.add.at(flows.totals[0], flows.accounts, flows.effects[self.stage.part] * flows.weights * gaps)
 
-    def _flow_of_layers(self) -> None:
+    def _flow_of_layers(self, operation: str, axis: int) -> None:
+        """Compute what the layers along an axis contribute, and then add it to the flows."""
+        if operation == op.STRETCH:
+            self.inflow = np.zeros(self.engine.layout.size)
+            self.inflow[self.nodes] = self._springs(axis).ravel()
+            return
         flows = self.tables.flows
-        for axis in (2, 1, 0):
-            if self.shifts.serve(axis):
-                level = np.zeros(self.engine.layout.size)
-                level[self.nodes] = self._springs(axis).ravel()
-                for at, account, first, last in flows.sides:
-                    if at == axis:
-                        gains = flows.effects[self.stage.part] * level[flows.beside[first:last]]
-                        np.add.at(flows.totals[0], np.full(last - first, account), gains)
+        for at, account, first, last in flows.sides:
+            if at == axis:
+                gains = flows.effects[self.stage.part] * self.inflow[flows.beside[first:last]]
+                np.add.at(flows.totals[0], np.full(last - first, account), gains)
 
-    def _depend(self) -> None:
+    def set_dependent_nodes(self) -> None:
         nodes, starts, sources, weights = self.tables.dependents
         added = self.inputs.dependent_times[self.step, self.stage.part] @ self.inputs.dependent_fields
         for i, node in enumerate(nodes):
@@ -579,7 +563,7 @@ class Interpreter:
             value = weights[at] @ self.stage.out[sources[at]] + (added[i] if np.ndim(added) else 0.0)
             self._set(np.array([node]), np.array([value]))
 
-    def _fringe(self) -> None:
+    def fill_halo_of_outline(self) -> None:
         stage, outline_stencil = self.stage, self.tables.outline_stencil
         if outline_stencil.history.shape[1]:
             outline_stencil.history[:, 1:] = outline_stencil.history[:, :-1].copy()
@@ -600,7 +584,7 @@ class Interpreter:
                 total += outline_stencil.new_weights[new] @ stage.out[outline_stencil.new_nodes[new]]
                 self._set(np.array([owner]), np.array([total]))
 
-    def _dissolve(self) -> None:
+    def dissolve_nodes(self) -> None:
         material: Material = self.tables.material
         phases, nodes = self.tables.phases, self.nodes
         gone = nodes[(material.coefficient[nodes] <= 0) & (self.stage.out[nodes] < phases.saturation)]
@@ -609,7 +593,7 @@ class Interpreter:
         phases.total[0] += len(gone)
         _copy(material.coefficient, self.tables.copies)
 
-    def _dissolve_halo(self) -> None:
+    def dissolve_halo(self) -> None:
         halo, coefficient = self.tables.phases.halo[:, 0], self.tables.material.coefficient
         coefficient[halo[self.stage.src[halo] < self.tables.phases.saturation]] = 1
 
@@ -651,7 +635,7 @@ class _Heat:
     def __init__(self, loop: Interpreter) -> None:
         self.loop = loop
 
-    def subtract_thermal_forces(self) -> None:
+    def add_thermal_forces(self) -> None:
         """Subtract the thermal strains of the springs of state-based media."""
         loop = self.loop
         bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
@@ -659,7 +643,7 @@ class _Heat:
             present = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
             self._push(vector, present * loop.thermal_strain(nodes, nodes + distance), nodes)
 
-    def subtract_thermal_forces_beyond(self) -> None:
+    def add_thermal_forces_beyond(self) -> None:
         """Do so at all nodes for springs, and for bonds without a law of their own."""
         loop = self.loop
         bonds, at = loop.tables.bonds, np.indices(loop.box.nodes).reshape(3, -1)
@@ -685,7 +669,7 @@ class _Heat:
         else:
             heat.traces[loop.nodes] += sums[0]
 
-    def advance_thermal_strains(self) -> None:
+    def step_thermal_strains(self) -> None:
         """Advance the thermal strains to the next step."""
         self.loop.tables.heat.thermal_strain[:] += self.loop.tables.heat.rate
 
@@ -706,7 +690,7 @@ class _States:
         """Return the distances between nodes and their neighbours in a level."""
         return np.asarray(self.loop.engine.offsets @ self.loop.box.stride)
 
-    def run(self, operation: int, number: int, which: int) -> None:
+    def run(self, operation: str, number: int, which: int) -> None:
         """Execute an operation of the two passes; the sums are over the bonds that are present: no bonds are cut."""
         law, passes, scale = self.loop.tables.gradient_pass.sweep.law, self.passes, self.loop.stage.scale
         states = law.values.reshape(len(law.intact), -1)

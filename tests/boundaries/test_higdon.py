@@ -53,20 +53,19 @@ def test_first_order_with_damping_is_better_than_without():
 def one_step_map(sim):
     """Return the matrix of one step of a simulation without sources, on its near field, halo and memory."""
     engine, columns = sim.engine, []
-    state = [engine.levels, engine.outline_history]
-    places = [np.concatenate([sim.parts.grid.indices, sim.closure.unmoved]), np.arange(engine.outline_history.shape[1])]
+    history = engine.tables.outline_stencil.history.T
+    state = [engine.levels, history]
+    places = [np.concatenate([sim.parts.grid.indices, sim.closure.unmoved]), np.arange(history.shape[1])]
     levels = [engine.current, engine.older]
-    for part, level in [(0, 0), (0, 1), *[(1, row) for row in range(engine.outline_history.shape[0])]]:
+    for part, level in [(0, 0), (0, 1), *[(1, row) for row in range(history.shape[0])]]:
         for place in places[part]:
             phase = engine.phase
             for array in state:
                 array[...] = 0
-            target = levels[level] if part == 0 else engine.outline_history[level]
+            target = levels[level] if part == 0 else history[level]
             target[place] = 1.0
             engine.advance(1)
-            columns.append(
-                np.concatenate([engine.current[places[0]], engine.older[places[0]], engine.outline_history.ravel()])
-            )
+            columns.append(np.concatenate([engine.current[places[0]], engine.older[places[0]], history.ravel()]))
             engine.phase = phase
     return np.array(columns).T
 

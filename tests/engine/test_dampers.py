@@ -8,8 +8,8 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.layers.reflection import LayerSide
 from farhorizon.checks.reduced_setups import Strip
-from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
+from farhorizon.engine.features.dampers import response, springs_of, strengths_of
 from farhorizon.engine.state import State
 from interpreter import Interpreter
 

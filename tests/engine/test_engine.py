@@ -21,7 +21,7 @@ from farhorizon import (
     Stencil,
     Wave,
 )
-from farhorizon.engine.ends import ends_table
+from farhorizon.engine.features.ends import ends_table
 from farhorizon.medium.integrators import Euler, RungeKutta4, Verlet
 from helpers import (
     RULES,
@@ -457,7 +457,7 @@ def test_tables_without_room_are_refused_before_the_loop(table):
     steps, stage_count = 300, len(stages.numbers)
     times, held, tied = np.zeros((steps, stage_count, 1)), np.zeros((steps, 1)), np.zeros((steps, stage_count, 0))
     if table == "history":
-        engine.set_ends(ends_table(np.array([[0, 1]]), 1.0))  # counts stages, but there is room for steps only
+        engine.replace(ends=ends_table(np.array([[0, 1]]), 1.0))  # counts stages, but there is room for steps only
     elif table == "source_times":
         times = times[:, :1]
     elif table == "held_values":

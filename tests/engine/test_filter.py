@@ -8,7 +8,7 @@ import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import HighPass
 from farhorizon.checks.reduced_setups import Strip
 from farhorizon.engine.engine import Layer
-from farhorizon.engine.filter import line_damping
+from farhorizon.engine.features.filter import line_damping
 from farhorizon.engine.state import State
 
 FILTER = HighPass(5, 3, 1.0, 1.0)
@@ -210,7 +210,7 @@ def test_threads_filter_what_one_does(threads, blocked, monkeypatch):
     """Results agree bitwise, also where the filter reaches beyond the part of a thread. Long filters work in blocks of
     lines, here of one line, as in large boxes.
     """
-    monkeypatch.setattr("farhorizon.engine.filter._CACHED", 0)
+    monkeypatch.setattr("farhorizon.engine.features.filter._CACHED", 0)
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
     monkeypatch.setattr("farhorizon.simulation.setup.setup.available_threads", lambda: threads)
     lattice = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.settings import give_thermal_strain_beyond
+from farhorizon.engine.features.thermal_strain import give_thermal_strain_beyond
 from interpreter import Interpreter
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))

@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.engine.engine import available_threads
-from farhorizon.engine.relaxations import relaxation_factors
+from farhorizon.engine.features.relaxations import relaxation_factors
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 

@@ -10,7 +10,7 @@ from scipy.special import erfc
 import farhorizon as fh
 from farhorizon.case.case import Case
 from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS
-from farhorizon.engine.phases import count_solid
+from farhorizon.engine.features.phases import count_solid
 from farhorizon.studies.compare import compare
 from helpers import kernel_stencil, lattice_of
 

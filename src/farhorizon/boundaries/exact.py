@@ -23,8 +23,8 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
 from farhorizon.boundaries.side import Side
-from farhorizon.engine.ends import ends_table
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.features.ends import ends_table
 from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.machine import check_fits
 
@@ -158,7 +158,7 @@ class ExactEnds:
         # of a sum of exponentials; none where the past is convolved, as it is where the medium drifts
         self.tolerances = [b.compress if w.ndim == 1 else None for b, w in zip(boundaries, weights, strict=True)]
         self.recursion, self.steps = recursion, 0
-        engine.set_ends(ends_table(nodes, recursion.first))
+        engine.replace(ends=ends_table(nodes, recursion.first))
         self.sums: list[ExponentialSum | None] = [None] * len(self.names)
         self.convolutions: list[BlockConvolution | None] = [None] * len(self.names)
 
@@ -210,8 +210,8 @@ class ExactEnds:
             None if s is None else (s.poles, s.inputs, mass * s.outputs)
             for s, mass in zip(sums, self.masses, strict=True)
         ]
-        engine.set_ends(ends_table(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0))
-        engine.set_history(history)
+        ends = ends_table(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0)
+        engine.replace(ends=ends._replace(history=history))
         engine.put("ends.clock", count)
         engine.put("ends.forces", forces)
         self.sums, self.steps = list(sums), steps

@@ -22,7 +22,7 @@ from farhorizon import kinds
 from farhorizon.analysis import modes
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
-from farhorizon.engine.outline_stencil import FringeSums, outline_table
+from farhorizon.engine.features.outline_stencil import FringeSums, outline_table
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
@@ -395,9 +395,9 @@ class OutlineCondition:
 
     def start(self) -> None:
         """Initialise the memory with the state one step ago, before which all was at rest."""
-        self.engine.put("outline_history", 0)
+        self.engine.put("outline_stencil.history.T", 0)
         if self.levels > 2:
-            self.engine.put("outline_history", self.engine.get("u_old", self.nodes), 0)
+            self.engine.put("outline_stencil.history.T", self.engine.get("u_old", self.nodes), 0)
 
     def mark(self) -> float:
         """Return a number that differs between conditions."""

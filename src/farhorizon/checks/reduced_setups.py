@@ -18,7 +18,7 @@ from farhorizon.analysis.stability import Allowance, Growth, dense_growth, eigen
 from farhorizon.boundaries import Fixed, LatticePML, Periodic, Side
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer
-from farhorizon.engine.filter import line_damping
+from farhorizon.engine.features.filter import line_damping
 from farhorizon.engine.state import State
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Ball, Disc

@@ -28,12 +28,12 @@ from farhorizon.engine.bonds import (
 from farhorizon.engine.codegen.bond_functions import BondFunctions, function_sweep, stored
 from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS, BondLaw
 from farhorizon.engine.codegen.build import load_rows
-from farhorizon.engine.faces import Faces
+from farhorizon.engine.features.faces import Faces
+from farhorizon.engine.features.thermal_strain import add_traces, add_traces_of_states
 from farhorizon.engine.field import Field
 from farhorizon.engine.layout import with_defaults
 from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
-from farhorizon.engine.thermal_strain import add_traces, add_traces_of_states
 
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 
@@ -88,7 +88,7 @@ class BondZone:
         coefficients; in state-based media that of closing bonds. Bonds with an ``|xi + eta|^2 / |xi|^2 - 1``
         (linearised: ``2 xi . eta / |xi|^2``) of up to `limit`, which may be infinite, do not break. With `contact`
         bonds that are cut or broken carry compression. Those beyond the limit may soften (`bond_sweeps.SOFTENINGS`)
-        instead of breaking at once. `warm` nodes have thermal strains, see `engine.thermal_strain`.
+        instead of breaking at once. `warm` nodes have thermal strains, see `engine.features.thermal_strain`.
 
         Three arrays have the shape of the core: `strength`, the limit of the bonds of each node relative to that of the
         weakest node, which is then `limit`, and the weaker end of a bond counts; `final`, the stretch at which
@@ -332,10 +332,7 @@ class BondZone:
             bonds["shares"] = table.residual_stiffness
         if table.history.size:
             bonds["history"] = table.history
-        faces, work = self.engine.tables.faces, self.engine.tables.work
-        if faces.slips.size:
-            bonds |= {"slips": faces.slips, "rubbed": faces.rubbed}
-        return bonds | ({"work": work} if work.size else {})
+        return bonds
 
     @property
     def broken(self) -> tuple[float, float]:

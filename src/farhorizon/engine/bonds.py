@@ -82,7 +82,9 @@ class Bonds(NamedTuple):
     closing: np.ndarray = ints(0, 0, bits="uint64")
     #: of nodes, state-based media only: relative stiffness of closing bonds
     contact_stiffness: np.ndarray = reals(1, value=1.0)
-    thermal_strain: np.ndarray = reals(1)  # of nodes; a bond has the mean of its ends, see `engine.thermal_strain`
+    thermal_strain: np.ndarray = reals(
+        1
+    )  # of nodes; a bond has the mean of its ends, see `engine.features.thermal_strain`
     #: (K, places of the core), or empty: remaining fraction of the stiffness of softening bonds, 1 until stretched
     #: beyond the limit; kept by cut bonds
     residual_stiffness: np.ndarray = reals(0, 0)
@@ -160,7 +162,7 @@ def bond_factor(rule, near, far):
     """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
 
     Phases: 1 between two liquid nodes, the solid node's between a solid and a liquid one, 0 between two solid ones (see
-    `engine.phases`).
+    `engine.features.phases`).
     """
     if rule == PHASES:
         return max(near, far, 0 * near) * abs(min(near, far))

@@ -13,16 +13,17 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.engine import program
 from farhorizon.engine.bond_zone import BondZone
-from farhorizon.engine.bonds import CHUNK, RULES, Zone, factors_of
-from farhorizon.engine.codegen.build import load_program
+from farhorizon.engine.bonds import RULES, Zone, factors_of
 from farhorizon.engine.codegen.matrices import Signs, signs_of
-from farhorizon.engine.codegen.structs import Struct
-from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.derivative_pml import DerivativePML
-from farhorizon.engine.ends import ExactEndTables
 from farhorizon.engine.exchange import LEVEL, Exchange
-from farhorizon.engine.field import first_tables, numbers_of
+from farhorizon.engine.features.dampers import DamperTables
+from farhorizon.engine.features.ends import lengthen_history
+from farhorizon.engine.features.phases import NEVER
+from farhorizon.engine.field import numbers_of
+from farhorizon.engine.first_tables import first_tables
 from farhorizon.engine.layer_operators import LayerOperator, drag_pass, heat_passes
 from farhorizon.engine.layer_tables import LayerSetup, LayerTables
 from farhorizon.engine.layers import Layers
@@ -31,11 +32,6 @@ from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.media import media_of
 from farhorizon.engine.missing_bonds import AbsentBonds
 from farhorizon.engine.operations import (
-    FURTHER_PASSES,
-    SEND,
-    Asked,
-    Operation,
-    Tables,
     asked_by,
     beginning_operations,
     check_room,
@@ -47,8 +43,8 @@ from farhorizon.engine.operations import (
     without_contact,
     without_heat,
 )
-from farhorizon.engine.phases import NEVER
-from farhorizon.engine.tables import Inputs, Stage
+from farhorizon.engine.passes import FURTHER_PASSES, SEND, Operation
+from farhorizon.engine.tables import Asked, Inputs, Tables
 from farhorizon.engine.two_pass import StateSums, TwoPassOperator
 from farhorizon.files.storable import Storable
 
@@ -63,7 +59,7 @@ _PATHS = {
     "u_old": "older",
     "u_older": "oldest",
     "exists": "absent.exists",  # whether there is a node at a place
-    **{name: name for name in ("increment", "levels", "memory", "outline_history", "node_values", "block_values")},
+    **{name: name for name in ("increment", "levels", "memory", "node_values", "block_values")},
     **{name: name for name in ("held_forces", "impactor_values")},
 }
 _ARRAYS = {name: attrgetter(path) for name, path in _PATHS.items()}
@@ -83,7 +79,7 @@ class Layer(Storable):
     sigma: np.ndarray
     alpha: np.ndarray
     # Rate at which each column loses the short waves that pass `taps`, a high-pass filter along one axis (see
-    # `engine.filter`); shape (columns,), or empty.
+    # `engine.features.filter`); shape (columns,), or empty.
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
     whole: bool = False  # whether short waves themselves are damped, and not only their increments
@@ -92,7 +88,7 @@ class Layer(Storable):
     every: int = 0
     short: bool = False  # whether six digits are enough for this layer's memory; used only if enough for all layers
     # Angular frequency of tuned dampers and the width of their band, or empty. If given, `damping` is the rate of these
-    # dampers instead of that of the filter, see `engine.dampers`.
+    # dampers instead of that of the filter, see `engine.features.dampers`.
     tuned: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
@@ -182,7 +178,7 @@ class Engine:
         Whether the dashpots of these mechanisms are going to be followed (`settings.set_dissipation`), on as many more.
     """
 
-    tables: Tables  # of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them
+    tables: Tables  # of the compiled loop; functions of `engine.settings` and of features replace them
     heat_passes: tuple[LayerOperator, ...]  # thermal forces and traces, if heat passes through the layers
     layers_of_passes: list[LayerTables | None]  # by the number of the pass; None for passes that do not exist
     all_layers: list[LayerTables]  # of the passes that exist
@@ -343,7 +339,7 @@ class Engine:
 
     def replace(self, **tables: Any) -> None:
         """Replace some of the tables."""
-        self.tables = self.tables._replace(**tables)
+        self.tables = self.tables.replaced(**tables)
 
     # --- values by name: all that code outside this package reads and writes of levels and tables -------------------
 
@@ -398,41 +394,9 @@ class Engine:
         mobility = self.tables.mobility
         return np.tile(mobility, self.components) if mobility.size else np.ones(1, self.dtype)
 
-    @property
-    def dragged(self) -> float:
-        """Energy that drag has dissipated, per unit mass of a node."""
-        return float(self.tables.drag.lost.sum()) / self.dt**2
-
-    @property
-    def dissipated(self) -> float:
-        """Energy that relaxation has dissipated, per unit mass of a node."""
-        return float(self.tables.dissipation.lost.sum()) / self.dt**2
-
     def hold(self, nodes: np.ndarray) -> None:
         """Set the nodes with prescribed values, which are those of the columns of `held_values` in `advance`."""
         self.held = nodes.astype(np.int64)
-
-    def set_ends(self, ends: ExactEndTables) -> None:
-        """Set the exact ends of a bar (`ends.ends_table`)."""
-        self.replace(ends=ends)
-
-    def set_history(self, history: np.ndarray) -> None:
-        """Set the values of the exact ends' drivers so far, shape (ends, steps, K)."""
-        self.replace(ends=self.tables.ends._replace(history=history))
-
-    def _lengthen_history(self, steps: int) -> None:
-        """Make room for the values of the exact ends' drivers in a number of further steps."""
-        ends = self.tables.ends
-        count, length, reach = ends.history.shape
-        if count and length < ends.clock[0] + steps:
-            more = max(int(ends.clock[0]) + steps - length, min(length, 1 << 20), 256)
-            history = np.concatenate([ends.history, np.zeros((count, more, reach))], axis=1)
-            self.replace(ends=ends._replace(history=history))
-
-    @property
-    def outline_history(self) -> np.ndarray:
-        """Values of the fringe's nodes one step ago, two steps ago and so on, shape (levels - 1, S); a view."""
-        return self.tables.outline_stencil.history.T
 
     def record_nodes(self, places: np.ndarray, stride: int = 1, forces: bool = False, impactors: bool = False) -> None:
         """Record the values at places of a level, shape (n,), in `node_values` after every step from now on, or where
@@ -444,16 +408,6 @@ class Engine:
         runs = places[first] % self.layout.size, places[first], first, np.diff(first, append=len(places))
         self._watched = np.stack(runs, axis=-1)[np.argsort(runs[0], kind="stable")]
 
-    def set_dependent_values(self, values: np.ndarray) -> None:
-        """Set the dependent nodes of the current level; `values` holds, for each of them, what is added to its
-        combination.
-        """
-        level, unit = self.current, self.dtype.type(1)
-        factors = dict.fromkeys(("a", "a_difference", "b", "scale"), unit)
-        stage = Stage(level, level, level, components=self.components, rows=self.components, **factors)
-        fields = np.asarray(values, self.dtype)[None]
-        load_program().depend(Struct(stage), Struct(self.tables.dependents), fields, np.ones(1, self.dtype))
-
     def factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Return the factors of the bonds between places."""
         return factors_of(self.tables.material, nodes, neighbours)
@@ -464,15 +418,6 @@ class Engine:
         return self.tables.material.coefficient.size > 1
 
     # --- the work ----------------------------------------------------------------------------------------------
-
-    def record_work(self) -> None:
-        """Accumulate the work of the sources from now on; the older level must outlive a step."""
-        self.replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // CHUNK)))
-
-    @property
-    def work(self) -> float:
-        """Work of the sources, per unit mass of a node."""
-        return float(self.tables.work.sum())
 
     @property
     def current(self) -> np.ndarray:
@@ -506,7 +451,7 @@ class Engine:
             if self.exchange is not None:
                 self.exchange.fill(each, self.components)
             else:
-                load_program().copy(each, self.tables.copies, self.components)
+                program.copy(each, self.tables.copies, self.components)
 
     def begin(self, level: np.ndarray | str) -> None:
         """Initialise the memory of stretched derivatives so that it is zero in the state `level`."""
@@ -582,7 +527,7 @@ class Engine:
         and zero. If the shape of one does not match the steps, this raises an IndexError in place of running the loop,
         which checks no bounds.
         """
-        self._lengthen_history(steps)
+        lengthen_history(self, steps)
         inputs, given = self._no_inputs(steps), dict[str, Any]()
         self.node_values, self.block_values = inputs.node_values, inputs.block_values
         if source_nodes is not None:
@@ -701,7 +646,7 @@ class _Prepared:
                 changed[name] = sums._replace(layers=_remembering(sums.layers, memory, layers.start))
         if engine.passes is not None:
             changed["stretches"] = _remembering(tables.stretches, memory, engine.passes.start)
-        return tables._replace(**changed)
+        return tables.replaced(**changed)
 
 
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:
@@ -759,8 +704,7 @@ class CallCache:
         """Return the tables with their operations, the identical object as long as these stay the same."""
         asked = asked_by(inputs)
         if self._planned is None or self._planned[0] is not tables or self._planned[1] != asked:
-            operations, starts = operations_of(tables, asked)
-            self._planned = tables, asked, tables._replace(operations=operations, starts=starts)
+            self._planned = tables, asked, tables.replaced(operations=operations_of(tables, asked))
         return self._planned[2]
 
 

@@ -1,6 +1,6 @@
 """Operators to which only layers add, and layers without some bonds (`cut_layers`).
 
-Drag (`engine.drag`) and heat that passes through the layers of a solid (`engine.thermal_strain`) sum over bonds of
+Drag (`features.drag`) and heat that passes through the layers of a solid (`features.thermal_strain`) sum over bonds of
 their own: increments over neighbours; thermal strains to forces; displacements to the traces of the stresses. These
 modules compute the plain sums. In the layers the neighbours are those of the medium that a layer continues, through the
 same stretched shifts as those of the displacements; otherwise waves would meet a different medium there.

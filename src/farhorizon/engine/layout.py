@@ -131,14 +131,15 @@ def with_defaults(table: type[Table], real: np.dtype, /, **given: Any) -> Table:
 @lru_cache
 def _defaults(table: type[Table], real: np.dtype) -> dict[str, Any]:
     """The defaults of the fields of a table that have one."""
-    fields = {}
-    for name, default in getattr(table, "_field_defaults").items():  # noqa: B009
-        if isinstance(default, Default):
-            default = default.made(real)
-        elif isinstance(default, type):
-            default = with_defaults(default, real)
-        fields[name] = default
-    return fields
+    defaults = getattr(table, "_field_defaults").items()  # noqa: B009
+    return {name: made(default, real) for name, default in defaults}
+
+
+def made(default: Any, real: np.dtype) -> Any:
+    """Return what a default of a field stands for: an array, a table, or a number."""
+    if isinstance(default, Default):
+        return default.made(real)
+    return with_defaults(default, real) if isinstance(default, type) else default
 
 
 def aligned(count: int) -> int:

@@ -17,8 +17,8 @@ from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import PHASES, factors_of
 from farhorizon.engine.codegen.build import load_rows
 from farhorizon.engine.exchange import FILTER
+from farhorizon.engine.features.filter import cut_filter, cut_links, without
 from farhorizon.engine.field import Field
-from farhorizon.engine.filter import cut_filter, cut_links, without
 from farhorizon.engine.layer_operators import cut_layers
 from farhorizon.engine.layout import SLACK, Block, with_defaults
 from farhorizon.engine.point_law import ALIKE, EACH, LawRows

@@ -53,7 +53,9 @@ class PointLaw(NamedTuple):
     first: np.ndarray = ints(0)
     end: np.ndarray = ints(0)  # (3,)
     room: np.ndarray = reals(1, 1, CHUNK)  # (threads, n, CHUNK): work space
-    thermal_strain: np.ndarray = reals(0)  # (places,), or empty: no force responds to it, see `engine.thermal_strain`
+    thermal_strain: np.ndarray = reals(
+        0
+    )  # (places,), or empty: no force responds to it, see `engine.features.thermal_strain`
     spacing: float = reals(value=1.0)  # by which a unit strain is converted into displacements
     unit: np.ndarray = reals(0)  # (n,): state of a unit strain in all directions, for a node with all its bonds
     units: np.ndarray = reals(1, 1)  # (m, n): the same for the nodes to which `matrices` belong

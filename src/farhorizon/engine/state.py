@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.feature_list import with_tables
 
 Box = Sequence[tuple[int, int]]  # first node and last + 1 along the three axes
 
@@ -60,7 +61,8 @@ class State:
     def write(self, values: np.ndarray) -> None:
         """Set the engine to a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
-        engine.levels[...], engine.memory[...], engine.tables.ends.states[...], engine.outline_history[...] = 0, 0, 0, 0
+        history = engine.tables.outline_stencil.history.T
+        engine.levels[...], engine.memory[...], engine.tables.ends.states[...], history[...] = 0, 0, 0, 0
         engine.phase, engine.steps_done = 0, 0
         engine.tables.ends.clock[0] = 1  # not the first step, whose sample counts half at exact ends
         for i, level in enumerate(levels):
@@ -71,19 +73,14 @@ class State:
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
         engine.tables.ends.states[self._modes] = values[start:end]
         # a step drops the last row
-        engine.outline_history[:-1] = values[end:].reshape(engine.outline_history[:-1].shape)
+        history[:-1] = values[end:].reshape(history[:-1].shape)
 
     def read(self) -> np.ndarray:
         """Return the present state of the engine."""
-        engine = self.engine
+        engine, history = self.engine, self.engine.tables.outline_stencil.history.T
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
         return np.concatenate(
-            [
-                *levels,
-                engine.memory[self._memory],
-                engine.tables.ends.states[self._modes],
-                engine.outline_history[:-1].ravel(),
-            ]
+            [*levels, engine.memory[self._memory], engine.tables.ends.states[self._modes], history[:-1].ravel()]
         )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
@@ -194,7 +191,6 @@ def digest(engine: Engine) -> str:
     tables = engine.tables
     law = tables.gradient_pass.sweep.law
     none = np.zeros(0)
-    ends, outline_stencil = tables.ends, tables.outline_stencil._replace(history=none)
     for array in (
         engine.offsets,
         engine.weights,
@@ -206,21 +202,14 @@ def digest(engine: Engine) -> str:
         tables.material.coefficient,
         tables.bonds.excess,
         *tables.cuts,
-        *tables.faces[:6],
+        *(array for feature, table in with_tables(tables) for array in feature.map(table)),
         *tables.surface[:-1],
         *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
         *tables.stretches._replace(memory=none, room=none),
-        *tables.drag._replace(lost=none, room=none, moved=none, beyond=none),
-        tables.mobility,
-        *tables.relaxations._replace(memory=none),
         *tables.gradient_pass.surface[:-1],
         *tables.divergence_pass.surface[:-1],
         *tables.divergence_pass.cuts,
-        *tables.damping,
-        *tables.dependents,
         engine.held,
-        *(ends.nodes, ends.poles, ends.inputs, ends.outputs),
-        *outline_stencil,
     ):
         mark.update(np.ascontiguousarray(array).tobytes())
     return mark.hexdigest()
@@ -230,18 +219,12 @@ def digest(engine: Engine) -> str:
 def as_before(engine: Engine) -> Iterator[None]:
     """Restore the state of an engine when the context ends."""
     tables = engine.tables
-    ends, phases = tables.ends, tables.phases
     arrays = [
         engine.levels,
         engine.memory,
-        *(ends.states, ends.forces, ends.clock),
-        tables.flows.totals,
-        tables.drag.lost,
-        tables.dissipation.lost,
-        tables.outline_stencil.history,
         tables.material.coefficient,
-        *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
         *engine.bonds.state.values(),
+        *(array for feature, table in with_tables(tables) for array in feature.state(table).values()),
     ]
     copies, phase, steps = [a.copy() for a in arrays], engine.phase, engine.steps_done
     try:
@@ -275,8 +258,8 @@ def pieces_of(engine: Engine, more: Mapping[str, np.ndarray] | None = None) -> d
     pieces |= {f"bonds/{word}": Piece(bits, nodes, axes) for word, bits in enumerate(bonds.alive)}
     pieces |= {f"shares/{bond}": Piece(left, nodes, axes) for bond, left in enumerate(bonds.residual_stiffness)}
     pieces |= {f"history/{line}": Piece(values, nodes, axes) for line, values in enumerate(bonds.history)}
-    if engine.tables.phases.dissolved.size:
-        pieces["dissolved"] = Piece(engine.tables.phases.dissolved, nodes, axes)
+    for feature, table in with_tables(engine.tables):
+        pieces |= {name: Piece(values, nodes, axes) for name, values in feature.nodal(table).items() if values.size}
     return pieces
 
 
@@ -309,15 +292,18 @@ def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
     sums. They share memory.
     """
     tables = engine.tables
-    accumulated = {
-        "broken": np.moveaxis(tables.bonds.broken, -1, 0),
-        "work": tables.work[None],
-        "drag": tables.drag.lost[None],
-        "relaxation": tables.dissipation.lost[None],
-        "flows": tables.flows.totals.T,
-        "rubbed": tables.faces.rubbed[None],
-    }
+    accumulated = {"broken": np.moveaxis(tables.bonds.broken, -1, 0)}
+    for feature, table in with_tables(tables):
+        accumulated |= feature.sums(table)
     return {name: sums for name, sums in accumulated.items() if sums.size}
+
+
+def of_the_run(engine: Engine) -> dict[str, np.ndarray]:
+    """Return the state that belongs to the run, and not to its nodes, by name; the arrays share memory."""
+    state = {"stretches": engine.tables.stretches.memory}
+    for feature, table in with_tables(engine.tables):
+        state |= feature.other(table)
+    return {name: values for name, values in state.items() if values.size}
 
 
 def common(box: Box, other: Box, axes: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]] | None:

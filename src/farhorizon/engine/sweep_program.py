@@ -2,9 +2,6 @@
 rows: the sweep, and what is done with each part while it is in the cache. See `engine.program`.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, PHASES, PIECE_ROWS, bond_factor, bond_gap, next_piece, sweep_tiles
@@ -12,12 +9,9 @@ from farhorizon.engine.codegen.calls import call_operation, call_with
 from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.codegen.exchanges import MOVES, TABLE, USED, call_exchange
 from farhorizon.engine.codegen.matrices import call_map
-from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS, call_sweep, sweep_phases
-from farhorizon.engine.codegen.vector_operations import block_sum, copy_values
-from farhorizon.engine.operations import AHEAD, LAW, RECORD, SWEEP
-from farhorizon.engine.phases import LIQUID, SOLID
+from farhorizon.engine.codegen.stencil_sweeps import call_sweep
+from farhorizon.engine.passes import AHEAD, LAW, SWEEP, operation, reads
 from farhorizon.engine.point_law import apply_to_rows
-from farhorizon.engine.relaxations import relax_rows
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, chunk_of, claim
 
@@ -26,19 +20,6 @@ SHIFTS = 12  # column of `Sweep.block` at which the distances between components
 
 # A literal argument would have a type of its own, for each of which Numba compiles a function again.
 ZERO, ONE = np.int64(0), np.int64(1)
-
-#: The function that does each operation, by its number; `engine.loop` compiles it.
-OPERATIONS: dict[int, Callable[..., Any]] = {}
-
-
-def operation(number: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register the function that does an operation."""
-
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        OPERATIONS[number] = function
-        return function
-
-    return decorate
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -237,17 +218,20 @@ def is_free(sums, number):
     return i1 == first and end == last
 
 
+@reads("bonds")
 def bonds_part(thread, stage, sums, tables, inputs, step, number):
     """Sweep a part of the box that contains a zone of bonds with a law of their own."""
     sweep_bonds(stage, sums, tables.bonds, number)
 
 
+@reads("bonds")
 def bonds_ahead(thread, stage, sums, tables, inputs, step, number):
     """Do the same if it needs no halo."""
     if is_free(sums, number):
         sweep_bonds(stage, sums, tables.bonds, number)
 
 
+@reads("bonds")
 def bonds_rest(thread, stage, sums, tables, inputs, step, number):
     """Do the same if it needs the halo."""
     if not is_free(sums, number):
@@ -279,79 +263,6 @@ def sweep_bonds(stage, sums, bonds, number):
                 sweep_rows(stage, sums, i0, i1, end, start, stop)
             else:
                 sweep_tiles(stage, sweep, material, bonds, i0, i1, end, start, stop)
-
-
-def phases_part(thread, stage, sums, tables, inputs, step, number):
-    """Sweep a part of the box in which there are two phases."""
-    sweep_runs(stage, sums, tables.phases.runs, number)
-
-
-def phases_ahead(thread, stage, sums, tables, inputs, step, number):
-    """Do the same if it needs no halo."""
-    if is_free(sums, number):
-        sweep_runs(stage, sums, tables.phases.runs, number)
-
-
-def phases_rest(thread, stage, sums, tables, inputs, step, number):
-    """Do the same if it needs the halo."""
-    if not is_free(sums, number):
-        sweep_runs(stage, sums, tables.phases.runs, number)
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_runs(stage, sums, runs, number):
-    """Sweep a part of the box: runs of liquid tiles by the compiled rows, mixed ones bond by bond, solid ones not at
-    all.
-
-    Runs are handled by addresses alone: Numba counts the references to an array that it passes on, which takes longer
-    than a tile.
-    """
-    sweep, material, src = sums.sweep, sums.material, stage.src
-    block = sweep.block
-    i0, first, last = rows_of(sweep, number)
-    upper, lower = first, last
-    first, last = first // TILE_ROWS, (last + TILE_ROWS - 1) // TILE_ROWS
-    metal = False
-    for row in range(first, last):
-        metal |= runs[row * block[1] + i0, 0, 0] != LIQUID or runs[row * block[1] + i0, 0, 1] * TILE < block[3]
-    if not metal:
-        sweep_rows(stage, sums, i0, upper, lower, ZERO, block[3])
-        return
-    size = src.itemsize
-    places = src.ctypes.data, material.coefficient.ctypes.data, stage.base.ctypes.data, stage.out.ctypes.data
-    bonds, apart = sweep.offsets.size, sweep.offsets.ctypes.data
-    between = sweep.general.ctypes.data + stage.part * sweep.general.shape[1] * size
-    plain = sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * size
-    for row in range(first, last):
-        at = (block[0] + i0 * block[4] + row * TILE_ROWS * block[5]) * size
-        to = (block[9] + i0 * block[10] + row * TILE_ROWS * block[11]) * size
-        count = min(TILE_ROWS, block[2] - row * TILE_ROWS)
-        run, stop = 0, 0
-        while stop < block[3]:
-            start, phase = stop, runs[row * block[1] + i0, run, 0]
-            stop = min(runs[row * block[1] + i0, run, 1] * TILE, block[3])
-            run += 1
-            source, result = at + start * size, to + start * size
-            if phase == LIQUID and sweep.function != 0:
-                call_sweep(
-                    sweep.function,
-                    (places[0] + source, places[2] + result, places[3] + result),
-                    plain,
-                    stage.a,
-                    stage.b,
-                    (stop - start, count),
-                    (block[6], block[7], block[8]),
-                    (block[5], block[11]),
-                    block.ctypes.data + 8 * SHIFTS,
-                )
-            elif phase != SOLID:
-                sweep_phases(
-                    (places[0] + source, places[1] + source, places[2] + result, places[3] + result),
-                    (apart, between, bonds),
-                    (stage.a_difference, stage.b, material.interface, material.ceiling),
-                    (stop - start, count),
-                    (block[5], block[11]),
-                )
 
 
 def release_part(thread, stage, sums, tables, inputs, step, number):
@@ -387,85 +298,6 @@ def release_part(thread, stage, sums, tables, inputs, step, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def first_from(rows, r, last, key):
-    """First row from r on, before `last`, whose first number is not below `key`; rows are sorted by it."""
-    while r < last:
-        middle = (r + last) // 2
-        if rows[middle, 0] < key:
-            r = middle + 1
-        else:
-            last = middle
-    return r
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def record_nodes(level, runs, low, high, node_values):
-    """Copy the values of nodes whose keys are from `low` to `high`, run by run: reading an index for each node would
-    take longer than copying the values.
-    """
-    source, to, size = level.ctypes.data, node_values.ctypes.data, level.itemsize
-    r = first_from(runs, ZERO, runs.shape[0], low)
-    while r < runs.shape[0] and runs[r, 0] < high:
-        copy_values(source + runs[r, 1] * size, to + runs[r, 2] * 8, runs[r, 3], level[0])
-        r += 1
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def sum_blocks(level, block_sums, low, high, way, block_values):
-    """Sum over blocks of nodes whose middles are from `low` to `high`; if `way` is 1 or -1, over those whose last or
-    first rows are: where rows are swept upwards or downwards, all their others have just been in the cache.
-    """
-    sets, rows, weights, stride = block_sums.sets, block_sums.rows, block_sums.weights, block_sums.stride
-    source, factors, size = level.ctypes.data, weights.ctypes.data, level.itemsize
-    none = level.dtype.type(0)  # 0 times a float32 is a float64 here
-    end = ZERO
-    for s in range(sets.shape[0]):
-        start, end = end, end + sets[s, 0]
-        planes, lines, nodes = sets[s, 1], sets[s, 2], sets[s, 3]
-        rest = (lines - (way > 0)) // 2 * way * stride[1]
-        r = first_from(rows, start, end, low - rest)
-        while r < end and rows[r, 0] < high - rest:
-            place, first = rows[r, 1], rows[r, 2]
-            across, along = factors + rows[r, 3] * size, factors + rows[r, 4] * size
-            total = none
-            for i in range(planes):
-                plane = source + (place + i * stride[0]) * size
-                total += weights[first + i] * block_sum(plane, across, lines, stride[1], along, nodes, none)
-            block_values[rows[r, 5]] = total
-            r += 1
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def keys_of(sweep, number):
-    """Keys of the first node of a part of the box and of the one after its last."""
-    block = sweep.block
-    i0, first, last = rows_of(sweep, number)
-    plane = block[0] + i0 * block[4]
-    return plane + first * block[5], plane + last * block[5]
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def is_kept(inputs, step):
-    """Whether recorders want the field after a step."""
-    return (inputs.before[0] + step + 1) % inputs.stride == 0
-
-
-def record_nodes_part(thread, stage, sums, tables, inputs, step, number):
-    """Record the values of nodes after the previous step: the sweep has just read them, so they are in the cache."""
-    if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
-        low, high = keys_of(sums.sweep, number)
-        record_nodes(stage.src, inputs.recorded_nodes, low, high, inputs.node_values[step - 1])
-
-
-def record_blocks_part(thread, stage, sums, tables, inputs, step, number):
-    """Record the sums over blocks of nodes after the previous step."""
-    if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
-        low, high = keys_of(sums.sweep, number)
-        way = ZERO if sums.sweep.block[1] > 1 else ONE - 2 * stage.backward  # in 3D the sweep visits planes before rows
-        sum_blocks(stage.src, tables.block_sums, low, high, way, inputs.block_values[step - 1])
-
-
-@njit(error_model="numpy", cache=True, counted=False)
 def state_law(thread, sweep, number, swept):
     """Apply the law to a part's nodes whose states are complete after the sweep (`swept`), or to its others."""
     i0, first, last = rows_of(sweep, number)
@@ -477,12 +309,7 @@ def law_part(thread, stage, sums, tables, inputs, step, number):
     state_law(thread, sums.sweep, number, True)
 
 
-def relax_part(thread, stage, sums, tables, inputs, step, number):
-    """Relax the forces on nodes where they are complete, while what they are subtracted from is in the cache."""
-    i0, first, last = rows_of(sums.sweep, number)
-    relax_rows(stage, sums, tables, i0, first, last, True)
-
-
+@reads("exchange")
 def move_part(thread, stage, sums, tables, inputs, step, number):
     """Let the messages progress with each part of the box that is swept ahead, by the thread that has begun them."""
     if thread.number == 0:
@@ -496,17 +323,17 @@ def move_part(thread, stage, sums, tables, inputs, step, number):
 @operation(SWEEP)
 def sweep_box(thread, stage, sums, tables, inputs, step, number):
     """Go through all parts of the box and do with each all that there is to do (`Sums.each`)."""
-    go_through(thread, stage, sums, tables, inputs, step, sums.each, ZERO, ONE)
+    go_through(thread, stage, sums, inputs, step, sums.each, ZERO, ONE)
 
 
 @operation(AHEAD)
 def sweep_ahead(thread, stage, sums, tables, inputs, step, number):
     """Go through some of the parts, as far as they need no halo (`Sums.ahead`)."""
-    go_through(thread, stage, sums, tables, inputs, step, sums.ahead, number // 2, number % 2 + 1)
+    go_through(thread, stage, sums, inputs, step, sums.ahead, number // 2, number % 2 + 1)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def go_through(thread, stage, sums, tables, inputs, step, functions, turn, turns):
+def go_through(thread, stage, sums, inputs, step, functions, turn, turns):
     """Call functions for all parts of the box, or for those of one of several turns. Every other stage begins with the
     last part, which the previous stage left in the cache.
 
@@ -526,29 +353,10 @@ def go_through(thread, stage, sums, tables, inputs, step, functions, turn, turns
         while claimed * size < parts:
             for i in range(claimed * size, min(parts, (claimed + 1) * size)):
                 part = first + (parts - 1 - i if stage.backward else i)
-                for k in range(functions.size):
-                    call_operation(functions[k], thread, stage, sums, tables, inputs, step, part)
+                for k in range(functions.shape[0]):
+                    call_operation(functions[k, 0], thread, stage, sums, functions[k, 1], inputs, step, part)
             claimed = claim(thread, owner) if thread.threads > 1 else 1
     barrier(thread)
-
-
-@operation(RECORD)  # with `record_blocks_last`
-def record_nodes_last(thread, stage, sums, tables, inputs, step, number):
-    """Record the values of nodes after the last step of a call; after others the next step does so."""
-    if step == inputs.node_values.shape[0] - 1 and is_kept(inputs, step):
-        chunk = chunk_of(thread, count_parts(sums.sweep))
-        for part in range(chunk[0], chunk[1]):
-            low, high = keys_of(sums.sweep, part)
-            record_nodes(stage.out, inputs.recorded_nodes, low, high, inputs.node_values[step])
-
-
-def record_blocks_last(thread, stage, sums, tables, inputs, step, number):
-    """Record the sums over blocks of nodes after the last step of a call."""
-    if step == inputs.node_values.shape[0] - 1 and is_kept(inputs, step):
-        chunk = chunk_of(thread, count_parts(sums.sweep))
-        for part in range(chunk[0], chunk[1]):
-            low, high = keys_of(sums.sweep, part)
-            sum_blocks(stage.out, tables.block_sums, low, high, ZERO, inputs.block_values[step])
 
 
 @operation(LAW)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from farhorizon.engine.layers import Layers
-from farhorizon.engine.layout import doubles, empty, ints, reals
+from farhorizon.engine.layout import empty, ints, reals
 from farhorizon.engine.point_law import PointLaw
 
 
@@ -113,46 +114,55 @@ class Sums(NamedTuple):
     # Addresses of functions that operations call with a stage, these sums and numbers: rows of a stencil without
     # compiled ones, and for layers an item of a face, an edge, and absent bonds.
     called: np.ndarray
-    # Addresses of functions that are called one after the other with each part of the box: as it is swept, and while
-    # messages are under way.
+    # Addresses of functions that are called one after the other with each part of the box, and of their tables: as it
+    # is swept, and while messages are under way; shape (n, 2).
     each: np.ndarray
     ahead: np.ndarray
     free: np.ndarray  # rows swept while messages are under way: first and end along the first two axes, shape (2, 2)
 
 
-class Damping(NamedTuple):
-    """Nodes of an absorbing zone: factors of the old and of the new increment, and a loss rate."""
-
-    nodes: np.ndarray = ints(0)
-    before: np.ndarray = reals(0)
-    after: np.ndarray = reals(0)
-    leak: np.ndarray = reals(0)
-
-
-class Dependents(NamedTuple):
-    """Nodes whose values depend on those of others: node i is the sum of weights[k] times node sources[k], k from
-    starts[i] to starts[i + 1], plus a value from outside. They are set in this order.
+class Tables(SimpleNamespace):
+    """Everything that the loop reads and keeps, except for the levels and the inputs: what follows, and the tables of
+    all features (`engine.feature_list`) by their names. They are not changed, but replaced.
     """
 
-    nodes: np.ndarray = ints(0)
-    starts: np.ndarray = ints(1)
-    sources: np.ndarray = ints(0)
-    weights: np.ndarray = reals(0)
+    rotation: np.ndarray  # numbers of the levels (src, base, out), shape (rotations, stages, 3)
+    numbers: np.ndarray  # (a, a for differences, b, scale, source scale) of each stage, shape (stages, 5)
+    increments: bool
+    components: int
+    sweep: Sweep
+    layers: Layers
+    work_space: np.ndarray  # shape (threads, n)
+    copies: np.ndarray  # runs of places of the halo that copy others, see `Layout.copies`; shape (3, n)
+    material: Material
+    gradient_pass: Pass
+    divergence_pass: Pass
+    pushes: Pass
+    traces: Pass
+    neighbours: Pass
+    operations: tuple[tuple[tuple[str, int, int], ...], ...]  # of each stage, see `engine.passes`
+    # Messages by which other processes fill halos, by kind and axis; see `engine.exchange`; shape (kinds, 3, 5).
+    exchange: np.ndarray
+    # Rows that need no halo from other processes except along the last axis: first and end along the other axes.
+    free: np.ndarray
+    media: Media
+    cuts: Cuts
+    surface: Surface
+    stretches: Any  # `derivative_pml.DerivativePML`
+    bonds: Any  # `bonds.Bonds`
+
+    def replaced(self, **tables: Any) -> Tables:
+        """Return the same tables except for some."""
+        return Tables(**vars(self) | tables)
 
 
-class Flows(NamedTuple):
-    """Flows into the near field, integrated over time in a number of accounts."""
+class Asked(NamedTuple):
+    """The inputs that there are: on them, and on the tables, the operations of a step depend."""
 
-    effects: np.ndarray  # factor of the flow of each stage in that of a step
-    accounts: np.ndarray = ints(0)  # of each bond, as are the next three
-    nodes: np.ndarray = ints(0)
-    neighbours: np.ndarray = ints(0)  # negative if the value there is zero
-    weights: np.ndarray = doubles(0)
-    ends: np.ndarray = ints(0, 0)  # accounts of the drivers of exact ends, negative for none; shape (ends, K)
-    sides: np.ndarray = ints(0, 4)  # of each layer: axis, account, and first and last + 1 of `beside`
-    beside: np.ndarray = ints(0)  # nodes next to layers
-    inflow: np.ndarray = reals(0)  # level for intermediate results, empty without layers
-    totals: np.ndarray = doubles(2, 0)  # sums, and their rounding errors (Neumaier)
+    has_sources: bool = False
+    held: bool = False
+    recorded_nodes: bool = False
+    pushed: bool = False
 
 
 class Inputs(NamedTuple):
@@ -179,20 +189,3 @@ class Inputs(NamedTuple):
     node_values: np.ndarray  # shape (steps, columns)
     block_values: np.ndarray  # sums of `BlockSums` after each step, shape (steps, R)
     stride: int  # both are written only in steps whose number in the run is a multiple of it
-
-
-class BlockSums(NamedTuple):
-    """Sums over blocks of nodes that are recorded after each step: values between nodes, and derivatives.
-
-    The weight of a node is the product of one weight per axis. Blocks with equal weights along an axis share them,
-    because reading weights takes as long as reading nodes.
-    """
-
-    stride: np.ndarray  # distances between neighbours in a level, shape (3,)
-    # Number of sums over blocks of one size, and the size of these blocks along the axes; along the third it is a
-    # whole number of vectors of 64 bytes, filled up with weights zero.
-    sets: np.ndarray = ints(0, 4)
-    # Of each sum, set by set and sorted: place in the middle of the block, in its component; place of the block's
-    # first node in the level; indices of its first weights along the axes; and its column.
-    rows: np.ndarray = ints(0, 6)
-    weights: np.ndarray = reals(0)

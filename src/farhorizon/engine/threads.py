@@ -104,6 +104,14 @@ def chunk_of(thread, count):
     return thread.number * count // thread.threads, (thread.number + 1) * count // thread.threads
 
 
+@njit(error_model="numpy", cache=True, counted=False)
+def run_start(nodes, i):
+    """First place from i on at which the entries of another node begin."""
+    while 0 < i < nodes.size and nodes[i] == nodes[i - 1]:
+        i += 1
+    return i
+
+
 def side_by_side(work: Callable[[Struct], None], count: int) -> None:
     """Call `work`, which must release the interpreter's lock, with each `Thread` at the same time. An interrupt waits
     until all have ended: threads would wait forever for one that is missing.

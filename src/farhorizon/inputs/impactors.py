@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.arguments import ANY, Function, Toml, Unit
-from farhorizon.engine.impactors import BOX, DIFFERENCE, INTERSECTION, POLYGON, ROUND, UNION
+from farhorizon.engine.features.impactors import BOX, DIFFERENCE, INTERSECTION, POLYGON, ROUND, UNION
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Ball, Box, Difference, Disc, Intersection, Polygon, Shape, Union
@@ -130,7 +130,7 @@ class Impactor(Load):
 
 
 class Terms(NamedTuple):
-    """A shape as `engine.impactors.Impactors` describes it."""
+    """A shape as `engine.features.impactors.Impactors` describes it."""
 
     terms: list[tuple[int, int, int]]
     numbers: list[float]

@@ -127,7 +127,7 @@ class Elastic(LatticeModel):
         closing crack do not pass through each other; not available for finite elements. In state-based and
         correspondence materials such bonds act like the springs of a bond-based material of the same P modulus. The
         same as `nonlinear` unless given. Linear bonds across the given cracks push along the normal of the crack
-        instead, so that its faces slide (`farhorizon.engine.faces`).
+        instead, so that its faces slide (`farhorizon.engine.features.faces`).
     friction : float
         Coulomb's coefficient between such faces.
     integrator : {"verlet", "modified-equation"}

@@ -10,7 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds, OutlineCondition, Side
-from farhorizon.engine.settings import set_dissipation, set_drag
+from farhorizon.engine.features.dissipation import set_dissipation
+from farhorizon.engine.features.drag import set_drag
+from farhorizon.engine.features.sources import record_work
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
@@ -392,7 +394,7 @@ def _set_engine(setup: Setup, grid: Grid, margins: Mapping[Key, int]) -> None:
     corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
     end = corner + np.array((1,) * grid.lead + lattice.shape)
     if setup.lasting:
-        grid.engine.record_work()
+        record_work(grid.engine)
     if model.drag:
         set_drag(grid.engine, model.drag, corner, end)
     if model.attenuation is not None and setup.balance:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import farhorizon
+from farhorizon.engine import layer_program, program
 from farhorizon.engine.codegen import code_digest
 
 PACKAGE = Path(farhorizon.__file__).parent
@@ -112,11 +113,15 @@ def globals_of(function):
 
 def test_every_function_that_is_called_is_among_the_definitions():
     """The same by another way: the objects that the functions of the loop refer to."""
-    from farhorizon.engine.codegen.build import load_layer_program, load_program
+    from farhorizon.engine.feature_list import steps
 
-    waiting = [value for program in (load_program(), load_layer_program()) for value in vars(program).values()]
+    modules = program, layer_program, *(sys.modules[step.function.__module__] for step in steps())
+    names = {module.__name__ for module in modules}
+    waiting = [value for module in modules for value in vars(module).values()]
     waiting = [
-        function for function in waiting if getattr(function, "__module__", "").startswith(("program_", "layer_"))
+        function
+        for function in waiting
+        if getattr(function, "__module__", "") in names and hasattr(getattr(function, "py_func", function), "__code__")
     ]
     seen = {}
     for start in waiting:

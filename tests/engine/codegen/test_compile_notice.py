@@ -46,7 +46,10 @@ def fresh(monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "purpose", "text"),
-    [("program_0", "the time loop", MODULE), ("stencil_rows_0", "the sweep of a stencil", WHILE_IMPORTED)],
+    [
+        ("farhorizon.engine.program", "the time loop", MODULE),
+        ("stencil_rows_0", "the sweep of a stencil", WHILE_IMPORTED),
+    ],
 )
 def test_what_is_compiled_is_said_once(name, purpose, text, tmp_path, capfd, fresh):
     """One line before and one after the outermost function is compiled; none when it comes from the cache, and none on

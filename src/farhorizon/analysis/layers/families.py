@@ -14,7 +14,7 @@ rises outwards, and differ in their effect on waves that hardly move towards the
   from the symbol (`Stencil.layer_growth`). For positive kernels and for solids all such waves are among the fastest of
   their medium: their frequencies are above 0.65 (bilinear elements) to 0.9 of the largest one, ten times that of a wave
   of twenty nodes. A filter in space distinguishes them from long waves by their wavelength, and in a thin layer, where
-  long waves decay within a few nodes, also damps part of these. Dampers (`farhorizon.engine.dampers`) distinguish them
+  long waves decay within a few nodes, also damps part of these. Dampers (`engine.features.dampers`) distinguish them
   by their frequency, which a layer does not change. Weak backward waves, such as those of scalars in space, lie in a
   narrow band just below the largest frequency. There, light dampers of that band have the effect of the short filter
   (`lightly_tuned`), node by node, without a box of all nodes.
@@ -38,8 +38,8 @@ from scipy import special
 
 from farhorizon.analysis.layers.profiles import crowded, rising_alpha, smooth_ramp, weak
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
-from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
+from farhorizon.engine.features.dampers import response, springs_of, strengths_of
 from farhorizon.medium.stencil import Stencil
 from farhorizon.rounding import TINY
 

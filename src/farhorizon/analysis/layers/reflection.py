@@ -13,7 +13,7 @@ sigma/(s + alpha)`` and ``s = 2/dt (z - 1)/(z + 1)``,
 
 is solved inwards for k >= 0 (with zeros beyond the last column) and outwards for k <= 0 (from the near field's nodes at
 the entrance). The operator A of the columns is therefore a matrix. With the part F = D F D of the increments that the
-filter of `farhorizon.engine.filter` removes in a step, the scheme ``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)``
+filter of `engine.features.filter` removes in a step, the scheme ``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)``
 and the modes of the medium in front of the layer form one small linear system.
 """
 
@@ -27,9 +27,9 @@ import numpy as np
 from scipy import linalg
 
 from farhorizon.analysis.layers.chain_modes import ALIKE, ArrivingWave, LatticeMedium, Modes, polarisations, types_of
-from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
-from farhorizon.engine.filter import line_damping
+from farhorizon.engine.features.dampers import response, springs_of, strengths_of
+from farhorizon.engine.features.filter import line_damping
 
 
 def reflection(

@@ -1,5 +1,5 @@
-"""Modules of compiled functions, written to disk and imported from there, so that Numba's cache finds them again: the
-time loop, and functions for one row or tile of nodes, for each choice of their settings.
+"""Modules of compiled functions for one row or tile of nodes, for each choice of their settings, written to disk and
+imported from there, so that Numba's cache finds them again.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ import importlib.util
 import sys
 import threading
 from functools import cache
-from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -17,7 +16,6 @@ from farhorizon.engine.codegen.compile_notice import importing
 from farhorizon.files.cache import cache_folder, write
 from farhorizon.machine import without_collection
 
-_ENGINE = Path(__file__).parents[1]
 _LOADING = threading.RLock()  # simulations may be set up in parallel
 
 
@@ -124,21 +122,6 @@ _{name} = {intrinsic}
 def {head}:
     return _{head}
 """
-
-
-def load_program() -> ModuleType:
-    """Module with the operations of the time loop."""
-    return _load("program", (_ENGINE / "program.py").read_text())
-
-
-def load_sweep_program() -> ModuleType:
-    """Module with its operations that go over the box part by part."""
-    return _load("sweep_program", (_ENGINE / "sweep_program.py").read_text())
-
-
-def load_layer_program() -> ModuleType:
-    """Module with its operations on layers."""
-    return _load("layer_program", (_ENGINE / "layer_program.py").read_text())
 
 
 def load_rows(kind: str, **settings: Any) -> tuple[int, ...]:

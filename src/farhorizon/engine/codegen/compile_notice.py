@@ -13,7 +13,7 @@ from farhorizon.engine.codegen.numba_internals import event
 
 #: Purpose of compiled functions, by the beginning of their module's name; those of other modules are not ours.
 _PURPOSES = {
-    "program_": "the time loop",
+    "farhorizon.engine.program": "the time loop",
     "stencil_rows_": "the sweep of a stencil",
     "matrix_rows_": "the sweep of a stencil",
     "bond_rows_": "the sweep of breaking bonds",

@@ -31,8 +31,8 @@ from farhorizon.machine import without_collection
 
 
 class _SealedFiles(IndexDataCacheFile):
-    """Index and machine code of one function. What is damaged, or of types that no longer exist, counts as absent and
-    is compiled again.
+    """Index and machine code of one function. What is damaged, or of types or modules that no longer exist, counts as
+    absent and is compiled again.
     """
 
     def _dump(self, obj: Any) -> bytes:
@@ -47,7 +47,10 @@ class _SealedFiles(IndexDataCacheFile):
             return {}
 
     def _load_data(self, name: str) -> Any:
-        return super()._load_data(name) if _undamaged(self._data_path(name)) else None
+        try:
+            return super()._load_data(name) if _undamaged(self._data_path(name)) else None
+        except (ImportError, AttributeError):
+            return None
 
 
 def _undamaged(path: str, head: bytes = b"") -> bool:

@@ -126,7 +126,7 @@ class StructType(types.Type):
         super().__init__(f"Struct({name}, {hashlib.sha256(mark.encode()).hexdigest()[:20]})")
 
 
-@lru_cache
+@cache
 def _struct_type(name: str, fields: tuple[str, ...], kinds: tuple[types.Type, ...]) -> StructType:
     return StructType(name, tuple(zip(fields, kinds, strict=True)))
 

@@ -282,7 +282,7 @@ def weigh_change(typingctx, to, level, before, fraction, strengths, count):
 
 @intrinsic
 def advance_masses(typingctx, states, levels, strengths, keep, pull, fraction, count, kept):
-    """Move the masses that hang on `count` neighbouring nodes, and let them pull these; see `engine.dampers`.
+    """Move the masses that hang on `count` neighbouring nodes, and let them pull these; see `engine.features.dampers`.
 
     Takes byte addresses: `states`, of the nodes' last increments, of p and of q; `levels`, of the level that the
     increment is in, of the one that is subtracted from it, times `fraction`, 0 or 1, and of the levels to add to: a
@@ -344,7 +344,7 @@ def advance_masses(typingctx, states, levels, strengths, keep, pull, fraction, c
 @intrinsic
 def relax_values(typingctx, levels, memory, apart, factors, count, back, total):
     """Relax the forces on `count` neighbouring nodes by mechanisms, and let these remember them; see
-    `engine.relaxations`.
+    `engine.features.relaxations`.
 
     Takes byte addresses: of the levels ``out``, ``src`` and ``base``; of the memory of the first mechanism, with the
     distance in bytes to that of the next one; and of the factors `keep` and `later`, with the number of mechanisms.
@@ -406,7 +406,7 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
     """``level -= strengths * F box`` on up to `TOGETHER` runs of neighbouring nodes, where F is the sum of one
     symmetric filter along each axis.
 
-    Takes the address of the first run, see `engine.filter.Filter.runs`, and the `number` of runs, at least 1; the byte
+    Takes the address of the first run, see `filter.Filter.runs`, and the `number` of runs, at least 1; the byte
     addresses of the box, the strengths and the level; that of the distances in the box between neighbours along the
     axes (int64, in elements), and their number; that of the filter's weights, of a value itself and of the neighbours
     on both sides; the distance in bytes from the level to an older one from which the same is subtracted, 0 if there is

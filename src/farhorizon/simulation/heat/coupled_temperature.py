@@ -32,7 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from farhorizon.boundaries import Side
-from farhorizon.engine.settings import give_thermal_strain
+from farhorizon.engine.features.thermal_strain import give_thermal_strain
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.heat.broken_bonds import BrokenBonds
 from farhorizon.simulation.heat.coupling import expansion_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.engine import NEVER
-from farhorizon.engine.settings import set_phases
+from farhorizon.engine.features.phases import set_phases
 from farhorizon.errors import InputError
 from farhorizon.inputs.specimens import place
 from farhorizon.models.model import Dissolution

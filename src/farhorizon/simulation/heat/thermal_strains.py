@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.settings import give_thermal_strain
+from farhorizon.engine.features.thermal_strain import give_thermal_strain
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.sources import split

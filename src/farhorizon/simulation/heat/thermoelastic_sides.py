@@ -15,7 +15,7 @@ import numpy as np
 
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
-from farhorizon.engine.settings import give_thermal_strain_beyond
+from farhorizon.engine.features.thermal_strain import give_thermal_strain_beyond
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import heat_alone

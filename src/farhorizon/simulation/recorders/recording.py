@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.engine.settings import record_blocks
+from farhorizon.engine.features.block_sums import record_blocks
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.geometry.lattice import Lattice

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from farhorizon.boundaries import OutlineCondition
-from farhorizon.engine.sliding import set_faces
+from farhorizon.engine.features.faces import set_faces
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.cracks import Crack, cut_bonds

@@ -12,8 +12,11 @@ import numpy as np
 from farhorizon.engine.codegen.matrices import Signs
 from farhorizon.engine.engine import Engine, Layer
 from farhorizon.engine.exchange import Link
+from farhorizon.engine.features.density import set_density
+from farhorizon.engine.features.filter import set_images
+from farhorizon.engine.features.relaxations import set_relaxations
 from farhorizon.engine.layout import Block, Layout
-from farhorizon.engine.settings import connect, set_density, set_images, set_relaxations
+from farhorizon.engine.settings import connect
 from farhorizon.engine.two_pass import StateSums
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice

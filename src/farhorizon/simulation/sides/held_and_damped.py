@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.settings import set_damping
+from farhorizon.engine.features.damping import set_damping
 from farhorizon.errors import InputError
 from farhorizon.simulation.setup.cuts import CutBonds
 from farhorizon.simulation.setup.grid import Grid

@@ -16,8 +16,8 @@ import numpy as np
 
 from farhorizon.engine.bonds import steepest
 from farhorizon.engine.engine import Zone
-from farhorizon.engine.settings import set_thermal_strain
-from farhorizon.engine.sliding import energies_of_faces
+from farhorizon.engine.features.faces import energies_of_faces
+from farhorizon.engine.features.thermal_strain import set_thermal_strain
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut

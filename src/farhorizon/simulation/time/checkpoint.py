@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.state import parts_of_sums
+from farhorizon.engine.state import of_the_run, parts_of_sums
 from farhorizon.errors import FileFormatError
 from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.simulation.assembly import RunParts
@@ -19,14 +19,6 @@ from farhorizon.simulation.setup.setup import Setup
 Arrays = dict[str, np.ndarray]
 #: Entries of the fingerprint that refer to the nodes of one process; not compared when several processes are involved.
 OF_A_BOX = "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"
-
-# Values of an engine that belong to the whole run, by their names in a checkpoint.
-_WHOLE = {
-    "fringe": "outline_history",
-    "stretches": "stretches.memory",
-    "impactors": "impactors.state",
-    "slips": "faces.slips",
-}
 
 
 def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
@@ -63,7 +55,7 @@ def fingerprint(setup: Setup, parts: RunParts, cuts: int) -> dict[str, Any]:
     if parts.ends is not None:
         facts["exact"] = parts.ends.names
     if parts.closure is not None:
-        facts |= {"fringe": list(engine.get("outline_history").shape), "update": parts.closure.mark()}
+        facts |= {"fringe": list(engine.get("outline_stencil.history.T").shape), "update": parts.closure.mark()}
     if law is not None:
         facts["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
     heat = setup.heat
@@ -137,7 +129,7 @@ def whole_of(parts: RunParts) -> tuple[Arrays, dict[str, Any]]:
     if parts.ends is not None:
         more, meta["exact"] = parts.ends.save()
         arrays |= more
-    return arrays | {key: engine.get(name) for key, name in _WHOLE.items() if engine.get(name).size}, meta
+    return arrays | of_the_run(engine), meta
 
 
 def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
@@ -145,7 +137,8 @@ def take_whole(parts: RunParts, arrays: Mapping[str, np.ndarray], meta: Mapping[
     engine = parts.grid.engine
     if parts.ends is not None:
         parts.ends.load(arrays, meta["exact"])
-    for key in _WHOLE.keys() & arrays.keys():
-        engine.put(_WHOLE[key], arrays[key])
+    for name, values in of_the_run(engine).items():
+        if name in arrays:
+            values[...] = arrays[name]
     for name, sums in parts_of_sums(engine).items():
         sums[...] = arrays[f"sums/{name}"]

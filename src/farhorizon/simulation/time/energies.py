@@ -7,7 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from farhorizon.engine.engine import Engine
-from farhorizon.engine.settings import dashpots
+from farhorizon.engine.features.dissipation import dashpots, dissipated
+from farhorizon.engine.features.drag import lost_by_drag
+from farhorizon.engine.features.sources import work_of_sources
 from farhorizon.simulation.assembly import RunParts
 from farhorizon.simulation.setup.grid import Grid
 from farhorizon.simulation.setup.near_field import NearField
@@ -44,7 +46,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
     lossy = near.model.attenuation is not None
     if lossy and not engine.get("dissipation.share").size:  # what the mechanisms hold follows from their dashpots
         return {"kinetic": kinetic_energy(near, grid)}
-    further = {"drag": mass * engine.dragged} if near.model.drag else {}
+    further = {"drag": mass * lost_by_drag(engine)} if near.model.drag else {}
     if np.any(engine.reaction):
         now, ago = (_there(near, grid.get(name)).astype(float) for name in ("u", "u_old"))
         further["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
@@ -57,7 +59,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
         return further | {
             "kinetic": kinetic_energy(near, grid),
             "strain": breaking.strain_energy(cold),
-            "work": mass * engine.work,
+            "work": mass * work_of_sources(engine),
             "broken": mass * engine.bonds.broken[0],
             **breaking.friction(),
         }
@@ -75,7 +77,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
             engine.complete(now)
             engine.complete(ago)
             stretched.append((share, now, ago))
-        further["dissipated"] = mass * engine.dissipated
+        further["dissipated"] = mass * dissipated(engine)
     strain = np.sum(
         [
             share * _shown(near, grid, _strain(near, parts.layered.sides, grid, now, ago, rim_held))
@@ -93,7 +95,7 @@ def energies(parts: RunParts, work: bool, cold: bool = False, rim_held: bool = F
         if breaking.law.contact:
             of_waves["strain"] += breaking.strain_energy(cold)
             further |= breaking.friction()
-    return of_waves | further | ({"work": mass * engine.work} if work else {})
+    return of_waves | further | ({"work": mass * work_of_sources(engine)} if work else {})
 
 
 def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.engine.settings import FlowBonds, record_flows
+from farhorizon.engine.features.flows import FlowBonds, record_flows
 from farhorizon.errors import InputError
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects

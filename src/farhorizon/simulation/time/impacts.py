@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.engine.impactors import Impactors
+from farhorizon.engine.features.impactors import Impactors
 from farhorizon.engine.layout import with_defaults
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.settings import set_dependents
+from farhorizon.engine.features.dependents import set_dependent_values, set_dependents
 from farhorizon.errors import InputError
 from farhorizon.inputs.sources import at_times, steady
 from farhorizon.simulation.heat.solid_and_liquid import SolidAndLiquid
@@ -68,7 +68,7 @@ class SourceTable:
             fields = _rows(self._fields(table.source_terms, table.nodes.shape, 0, (0.0,)), np.arange(table.nodes.size))
             amplitudes = self._amplitudes(table.source_terms, 0, (0.0,), np.ones((1, 1)), 1)
             self.scale = max(self.scale, _largest(fields, amplitudes))
-            engine.set_dependent_values(amplitudes[0, 0] @ fields)
+            set_dependent_values(engine, amplitudes[0, 0] @ fields)
 
     def hold(self, step: int) -> None:
         """Tell the engine which nodes follow a prescribed value from a step on."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
-from farhorizon.engine.settings import begin_relaxations, relaxed
+from farhorizon.engine.features.dissipation import begin_dissipation
+from farhorizon.engine.features.relaxations import begin_relaxations, relaxed
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.incidence import Incidence
@@ -164,6 +165,7 @@ class Motion:
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
         engine.begin("u")
         begin_relaxations(engine)
+        begin_dissipation(engine)
         accelerations = self.acceleration(0.0).astype(float)
         change = -(dt**2) / 2 * accelerations
         if isinstance(model.integrator, ModifiedEquation):

@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.bonds import is_set
+from farhorizon.engine.bonds import all_bits, is_set
 from farhorizon.engine.codegen.compiled import njit
-from farhorizon.engine.layout import doubles, ints, reals
+from farhorizon.engine.exchange import SLOTS
+from farhorizon.engine.feature import CHANGE, Feature, Step
+from farhorizon.engine.field import Field
+from farhorizon.engine.layers import has_layers
+from farhorizon.engine.layout import aligned_zeros, doubles, ints, reals
+from farhorizon.engine.passes import LINES, NEIGHBOURS, STRETCH, Operation, exchanged, present, reads
+from farhorizon.engine.tables import Tables
 from farhorizon.engine.threads import barrier, chunk_of
 
 
@@ -30,9 +36,10 @@ class Drag(NamedTuple):
     beyond: np.ndarray = reals(0)  # what layers add to the sums over neighbours, used once per step; same shape
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def take_increments(thread, stage, drag):
+@reads("drag")
+def keep_increments(thread, stage, sums, tables, inputs, step, number):
     """Store the increment of each place in the last step."""
+    drag = tables.drag
     first, end = chunk_of(thread, drag.moved.size)
     for i in range(first, end):
         drag.moved[i] = stage.src[i] - stage.base[i]
@@ -73,9 +80,10 @@ def _means(components, drag, place, pull):
         beyond[c * apart + place : c * apart + place + pull.shape[1]] = 0
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def drag_along(thread, stage, block, mobility, drag):
+@reads("drag", "mobility")
+def drag_nodes(thread, stage, sums, tables, inputs, step, number):
     """Add the effect of drag to a step, after everything else, and accumulate the loss."""
+    block, mobility, drag = sums.sweep.block, tables.mobility, tables.drag
     apart, rate, pull = stage.src.size // stage.components, drag.rate[0], drag.room[thread.number]
     chunk = chunk_of(thread, block[1] * block[2])
     for row in range(chunk[0], chunk[1]):
@@ -93,3 +101,57 @@ def drag_along(thread, stage, block, mobility, drag):
                 taken -= mass * np.float64(rate * gain[i]) * (np.float64(out[i]) - np.float64(base[i]))
         drag.lost[i0, i1] += 0.5 * taken
     barrier(thread)
+
+
+def _used(tables: Tables, *_: Any) -> int:
+    return int(tables.drag.rate.size)
+
+
+def _over_neighbours(tables: Tables, operation: Operation) -> list[Operation]:
+    """Let the layers add to the sums over neighbours first."""
+    layers = tables.neighbours.layers
+    lines = present((LINES, has_layers(layers, 2)), number=NEIGHBOURS)
+    filled = exchanged(tables, NEIGHBOURS, [SLOTS + NEIGHBOURS], lines, ahead=False)
+    return [*filled, *((STRETCH, axis, NEIGHBOURS) for axis in (2, 1, 0) if has_layers(layers, axis)), operation]
+
+
+DRAG = Feature(
+    "drag",
+    [Step(CHANGE, keep_increments, _used), Step(CHANGE, drag_nodes, _used, around=_over_neighbours)],
+    table=Drag,
+    map=lambda drag: (drag.rate, drag.distances, drag.alive, drag.full, drag.first, drag.end),
+    sums=lambda drag: {"drag": drag.lost[None]},
+)
+
+
+def set_drag(engine: Field, rate: float, first: np.ndarray, end: np.ndarray) -> None:
+    """Set drag towards the mean velocity of the neighbours, with a given rate, for equations of second order. The
+    energy that it takes from the nodes of the core from `first` to `end` is accumulated.
+
+    The older level must outlive a step, and the engine must have been created for drag. Absent bonds are set later.
+    """
+    assert engine.drag_pass is not None
+    box, low = engine.layout.box, np.array(engine.layout.low)
+    full, alive = all_bits(len(engine.offsets)), engine.tables.bonds.alive
+    moved, beyond = aligned_zeros(engine.components * engine.layout.size, engine.dtype, 2)
+    if not engine.bonds:
+        alive = np.zeros((len(full), engine.layout.size), np.uint64)
+        alive[:, box.node_indices()] = full[:, None, None, None]
+    drag = Drag(
+        rate=np.array([rate * engine.dt], engine.dtype),
+        distances=engine.layout.distances,
+        alive=alive,
+        full=full,
+        first=first.astype(np.int64) + low,
+        end=end.astype(np.int64) + low,
+        lost=np.zeros(box.nodes[:2]),
+        room=np.zeros((engine.threads, engine.components, box.nodes[2]), engine.dtype),
+        moved=moved,
+        beyond=beyond,
+    )
+    engine.replace(drag=drag)
+
+
+def lost_by_drag(engine: Field) -> float:
+    """Energy that drag has dissipated, per unit mass of a node."""
+    return float(engine.tables.drag.lost.sum()) / engine.dt**2

@@ -8,13 +8,19 @@ that is linear within each step: ``r(n) = keep r(n-1) + b f(n-1) + c f(n)``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.codegen.vector_operations import relax_values
+from farhorizon.engine.feature import CHANGE, Feature, Step
+from farhorizon.engine.field import Field
 from farhorizon.engine.layout import ints, reals
+from farhorizon.engine.passes import reads
+from farhorizon.engine.sweep_program import rows_of
+from farhorizon.engine.threads import barrier, chunk_of
 
 
 class Relaxations(NamedTuple):
@@ -82,3 +88,79 @@ def _relax_nodes(stage, relaxations, spectrum, place, first, last):
             -stage.b,
             relaxations.total[spectrum],
         )
+
+
+@reads("relaxations", "gradient_pass")
+def relax_all_forces(thread, stage, sums, tables, inputs, step, number):
+    """Relax the forces on nodes to which more has been added since the sweep."""
+    rows = sums.sweep.block[2]
+    chunk = chunk_of(thread, sums.sweep.block[1] * rows)
+    for row in range(chunk[0], chunk[1]):
+        relax_rows(stage, sums, tables, row // rows, row % rows, row % rows + 1, False)
+    barrier(thread)
+
+
+@reads("relaxations", "gradient_pass")
+def relax_part(thread, stage, sums, tables, inputs, step, number):
+    """Relax the forces on nodes where they are complete, while what they are subtracted from is in the cache."""
+    i0, first, last = rows_of(sums.sweep, number)
+    relax_rows(stage, sums, tables, i0, first, last, True)
+
+
+RELAXATIONS = Feature(
+    "relaxations",
+    [Step(CHANGE, relax_all_forces, lambda tables, *_: tables.relaxations.keep.size, part=relax_part)],
+    table=Relaxations,
+    map=lambda relaxations: relaxations._replace(memory=relaxations.memory[:0]),
+)
+
+
+def set_relaxations(
+    engine: Field, spectra: Sequence[tuple[np.ndarray, np.ndarray, float]], numbers: np.ndarray
+) -> None:
+    """Have the forces of the medium relax, for equations of second order. Spectra consist of the relaxation times of
+    mechanisms, their shares of the modulus, and the factor of the unrelaxed forces; `numbers` says which the nodes of
+    the core have, which continue beyond it as at its edge. The older level must outlive a step, and the engine must
+    have been created for as many mechanisms as the longest spectrum has.
+    """
+    most, box = max(len(times) for times, _, _ in spectra), engine.layout.box
+    memory = engine.levels[engine.stages.levels :][:most]
+    keep, now, later = np.zeros((3, len(spectra), len(memory)), engine.dtype)
+    total = np.zeros(len(spectra), engine.dtype)
+    for number, (times, shares, strength) in enumerate(spectra):
+        kept, at_once, added = relaxation_factors(times, shares, engine.dt)
+        keep[number, : len(times)] = kept
+        now[number, : len(times)], later[number, : len(times)] = strength * at_once, strength * added
+        total[number] = (1 - strength) + strength * at_once.sum()
+    places = engine.spread(numbers).astype(np.int64)
+    rows = places[box.node_indices()].reshape(-1, box.nodes[2])
+    row, first = np.nonzero(np.diff(rows, axis=1, prepend=-1))
+    end = np.append(first[1:], 0)
+    end[end == 0] = box.nodes[2]
+    segments = np.stack([first, end, rows[row, first]], axis=1)
+    ranges = np.append(0, np.cumsum(np.bincount(row)))
+    relaxations = Relaxations(keep, now, later, total, memory, places, ranges, segments, *engine.layout.away)
+    engine.replace(relaxations=relaxations)
+
+
+def begin_relaxations(engine: Field) -> None:
+    """Let nothing have relaxed yet of the forces in the present state."""
+    relaxations = engine.tables.relaxations
+    if relaxations.now.size:
+        force = engine.tables.numbers[-1, 3] * engine.apply(engine.current)
+        for mechanism, memory in enumerate(relaxations.memory):
+            memory[:] = -_at_places(engine, relaxations.now[:, mechanism]) * force
+
+
+def relaxed(engine: Field, forces: np.ndarray) -> np.ndarray:
+    """Return what mechanisms leave of the forces of the medium in the present state, as a level."""
+    relaxations = engine.tables.relaxations
+    if not relaxations.now.size:
+        return forces
+    lost = relaxations.memory.sum(0) / engine.tables.numbers[-1, 3] + _at_places(engine, relaxations.total) * forces
+    return np.asarray(forces - lost)
+
+
+def _at_places(engine: Field, of_spectra: np.ndarray) -> np.ndarray:
+    """Values of the spectra of all places, as a level."""
+    return np.tile(of_spectra[engine.tables.relaxations.numbers], engine.components)

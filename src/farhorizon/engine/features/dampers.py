@@ -26,9 +26,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.codegen.vector_operations import advance_masses, fetch
+from farhorizon.engine.feature import CHANGE, Feature, Step
 from farhorizon.engine.layout import SLACK, Layout
+from farhorizon.engine.passes import reads
 from farhorizon.engine.threads import barrier, chunk_of
 
 # limits where a step is too long: of the frequency, relative to the largest one of the scheme, and of the width
@@ -154,9 +155,10 @@ def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: in
     return np.vstack([rows[:, first], counts, np.full_like(counts, number)]).T.copy()
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def advance_dampers(thread, stage, dampers):
+@reads("dampers")
+def advance_hanging_masses(thread, stage, sums, tables, inputs, step, number):
     """Move the hanging masses and let them pull their nodes; one thread's chunk."""
+    dampers = tables.dampers
     runs, springs, size = dampers.runs, dampers.springs, stage.out.itemsize
     apart, each = stage.src.size // stage.components, dampers.apart
     later = stage.components * each * dampers.states.itemsize
@@ -184,3 +186,11 @@ def advance_dampers(thread, stage, dampers):
                 dampers.states[0],
             )
     barrier(thread)
+
+
+DAMPERS = Feature(
+    "dampers",
+    [Step(CHANGE, advance_hanging_masses, lambda tables, *_: tables.dampers.runs.size, whole=True)],
+    table=Dampers,
+    made=lambda engine: engine.dampers.tables(engine.memory, engine.dtype),
+)

@@ -28,7 +28,10 @@ import numpy as np
 from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.codegen.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
 from farhorizon.engine.codegen.vector_operations import TOGETHER, fetch, take_passed, weigh_change
+from farhorizon.engine.feature import CHANGE, Feature, Step
+from farhorizon.engine.field import Field
 from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros, ints, reals, with_defaults
+from farhorizon.engine.passes import reads
 from farhorizon.engine.threads import barrier, chunk_of
 
 _PIECE = 256  # nodes of a run that one thread takes at a time
@@ -454,3 +457,39 @@ def damp_short_waves(thread, stage, tables):
                 elif turn % passes:
                     stage.src[node] -= taken
             barrier(thread)
+
+
+@reads("filter")
+def filter_layers(thread, stage, sums, tables, inputs, step, number):
+    """Damp short waves in the layers."""
+    if (inputs.before[0] + step + 1) % tables.filter.every == 0:
+        damp_short_waves(thread, stage, tables.filter)
+
+
+def damping_of(engine: Field) -> tuple[dict[tuple[int, int], np.ndarray], np.ndarray]:
+    """Rates at which layers damp short waves, from the near field outwards, and the filter."""
+    rates = {
+        name: layer.damping if layer.filtered else np.zeros(layer.columns) for name, layer in engine.layers.items()
+    }
+    return rates, max((layer.taps for layer in engine.layers.values()), key=len, default=np.zeros(1))
+
+
+def _of_layers(engine: Field) -> Filter:
+    """Return the filter of short waves; all layers share the longest one, and what it is applied to."""
+    rates, taps = damping_of(engine)
+    whole = any(layer.whole for layer in engine.layers.values())
+    every = max((layer.every for layer in engine.layers.values() if layer.filtered), default=0) or 1
+    return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, whole, every)
+
+
+FILTER = Feature(
+    "filter",
+    [Step(CHANGE, filter_layers, lambda tables, *_: tables.filter.runs.size, whole=True)],
+    table=Filter,
+    made=_of_layers,
+)
+
+
+def set_images(engine: Field, images: Mapping[tuple[int, int], int]) -> None:
+    """Let the filter of short waves see walls, given by the signs of their images, mirrored beyond them."""
+    engine.replace(filter=filter_with_images(engine.tables.filter, engine.layout, images))

@@ -13,7 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.feature import AFTER, CHANGE, Feature, Room, Step
 from farhorizon.engine.layout import doubles, ints
+from farhorizon.engine.passes import reads
+from farhorizon.engine.tables import Inputs, Tables
 from farhorizon.engine.threads import barrier, chunk_of
 
 #: Terms of a shape: round with a centre and a radius, a box with two corners, a polygon with corners; and what joins
@@ -50,9 +53,10 @@ class Impactors(NamedTuple):
     vectors: np.ndarray = doubles(5, 0)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def push_nodes(thread, stage, block, mobility, impactors, inputs, step):
+@reads("impactors", "mobility")
+def push_with_shapes(thread, stage, sums, tables, inputs, step, number):
     """Push nodes in the shapes, and move the shapes, which all belong to the first thread."""
+    block, mobility, impactors = sums.sweep.block, tables.mobility, tables.impactors
     chunk = chunk_of(thread, impactors.spans.shape[0])
     for row in range(chunk[0], chunk[1]):
         _find_span(stage, block, impactors, row)
@@ -63,9 +67,10 @@ def push_nodes(thread, stage, block, mobility, impactors, inputs, step):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def add_work_of_pushes(thread, stage, block, impactors, work):
+@reads("impactors", "work")
+def sum_work_of_pushes(thread, stage, sums, tables, inputs, step, number):
     """Add up the work of the pushes over one step, as that of sources, and forget them."""
+    block, impactors, work = sums.sweep.block, tables.impactors, tables.work
     if thread.number == 0:
         places = stage.src.size // stage.components
         for row in range(impactors.spans.shape[0]):
@@ -345,3 +350,22 @@ def _in_polygon(numbers, count, at, result):
     result[0] = nearest if inside else -nearest
     if not inside:
         result[1], result[2] = -result[1], -result[2]
+
+
+def _room(tables: Tables, inputs: Inputs, steps: int) -> list[Room]:
+    pushed = len(tables.impactors.state) if inputs.impactor_paths.size else 0
+    least = (steps, pushed, tables.components) if pushed else (0, 0, 0)
+    return [("impactor_paths", inputs.impactor_paths.shape, least)]
+
+
+IMPACTORS = Feature(
+    "impactors",
+    [
+        Step(CHANGE, push_with_shapes, lambda tables, asked, _: asked.pushed),
+        Step(AFTER, sum_work_of_pushes, lambda tables, asked, _: asked.pushed),
+    ],
+    table=Impactors,
+    other=lambda impactors: {"impactors": impactors.state},
+    more=lambda impactors: {"beside": impactors.beside},
+    room=_room,
+)

@@ -14,7 +14,12 @@ import numpy as np
 
 from farhorizon.engine.bonds import END, FIRST, bond_factor, range_under_law
 from farhorizon.engine.codegen.compiled import njit
-from farhorizon.engine.layout import reals
+from farhorizon.engine.feature import DONE, OPERATOR, Feature, Step
+from farhorizon.engine.field import Field
+from farhorizon.engine.layout import aligned_zeros, reals
+from farhorizon.engine.passes import PUSHES, Operation, in_layers, reads
+from farhorizon.engine.program import copy
+from farhorizon.engine.tables import Tables
 from farhorizon.engine.threads import barrier, chunk_of
 
 
@@ -31,9 +36,10 @@ class ThermalStrains(NamedTuple):
     traces: np.ndarray = reals(0)  # (places,): contributions of the layers to the traces of the stresses
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def advance_thermal_strains(thread, heat):
+@reads("heat")
+def step_thermal_strains(thread, stage, sums, tables, inputs, step, number):
     """Advance the strains to the next step."""
+    heat = tables.heat
     first, last = chunk_of(thread, heat.rate.size)
     for i in range(first, last):
         heat.thermal_strain[i] += heat.rate[i]
@@ -93,12 +99,13 @@ def add_traces_of_states(traces, values, block, bonds, units):
                             sums[i] += unit * np.float64(result[i]) * np.float64((alive[i] >> bit) & unity)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def subtract_thermal_forces(thread, stage, block, material, bonds, heat):
+@reads("bonds", "heat")
+def add_thermal_forces(thread, stage, sums, tables, inputs, step, number):
     """Subtract the forces of thermal strains from those of the present springs.
 
     Nodes outside the zone of the bonds have no thermal strain, like the medium far away.
     """
+    block, material, bonds, heat = sums.sweep.block, sums.liquid, tables.bonds, tables.heat
     zone, thermal_strain, vectors, coefficient = bonds.zone, heat.thermal_strain, heat.vectors, material.coefficient
     planes, rows, width = zone[END] - zone[FIRST], zone[END + 1] - zone[FIRST + 1], zone[END + 2] - zone[FIRST + 2]
     apart, chunk = stage.out.size // stage.components, chunk_of(thread, planes * rows)
@@ -121,11 +128,12 @@ def subtract_thermal_forces(thread, stage, block, material, bonds, heat):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def subtract_thermal_forces_beyond(thread, stage, block, material, bonds, heat):
+@reads("bonds", "heat")
+def add_thermal_forces_beyond(thread, stage, sums, tables, inputs, step, number):
     """Subtract the forces of thermal strains, on all nodes of the box, from those of the present bonds without a law of
     their own, or of the springs of state-based media.
     """
+    block, material, bonds, heat = sums.sweep.block, sums.liquid, tables.bonds, tables.heat
     vectors, coefficient, thermal_strain = heat.beyond, material.coefficient, heat.thermal_strain
     apart, chunk = stage.out.size // stage.rows, chunk_of(thread, block[1] * block[2])
     for number in range(chunk[0], chunk[1]):
@@ -146,3 +154,72 @@ def subtract_thermal_forces_beyond(thread, stage, block, material, bonds, heat):
                         if alive[i] & mask != 0:
                             out[i] -= push * factor * (thermal_strain[at] + thermal_strain[at + distance])
     barrier(thread)
+
+
+def _beyond(tables: Tables, operation: Operation) -> list[Operation]:
+    return in_layers(tables, PUSHES, [operation])
+
+
+HEAT = Feature(
+    "heat",
+    [
+        Step(OPERATOR, add_thermal_forces, lambda tables, *_: tables.heat.vectors.size),
+        Step(
+            OPERATOR,
+            add_thermal_forces_beyond,
+            lambda tables, *_: tables.heat.beyond.size,
+            around=_beyond,
+            which=PUSHES,
+        ),
+        Step(DONE, step_thermal_strains, lambda tables, *_: tables.heat.rate.size),
+    ],
+    table=ThermalStrains,
+    more=lambda heat: {"thermal_strain": heat.thermal_strain},
+)
+
+
+def set_thermal_strain(engine: Field, spacing: float) -> None:
+    """Let nodes, a spacing apart in the unit of the field, have thermal strains from now on, whose values
+    `give_thermal_strain` sets; requires `BondZone.set` with `warm`.
+    """
+    tables, thermal_strain = engine.tables, engine.tables.bonds.thermal_strain
+    arms = spacing * engine.offsets[:, 3 - engine.components :].astype(float)
+    if engine.passes is not None:
+        gradient_pass = tables.gradient_pass
+        law = gradient_pass.sweep.law._replace(
+            thermal_strain=thermal_strain, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
+        )
+        engine.replace(gradient_pass=gradient_pass._replace(sweep=gradient_pass.sweep._replace(law=law)))
+    springs = engine.passes is not None and engine.weights.any() and not engine.heat_passes
+    vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
+    heat = ThermalStrains(
+        thermal_strain=thermal_strain,
+        rate=np.zeros_like(thermal_strain),
+        vectors=vectors.astype(engine.dtype),
+        beyond=engine.heat_vectors.astype(engine.dtype),
+        traces=aligned_zeros(engine.layout.size if engine.heat_passes else 0, engine.dtype),
+    )
+    engine.replace(heat=heat)
+
+
+def give_thermal_strain(engine: Field, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
+    """Set the thermal strains of the nodes of the core as of some steps ago, and their change per step; all processes
+    that exchange halos call this together.
+    """
+    heat = engine.tables.heat
+    heat.thermal_strain[:] = engine.spread(strain, jointly=True) * engine.absent.exists
+    heat.rate[:] = engine.spread(rate, jointly=True) * engine.absent.exists
+    for _ in range(steps):
+        heat.thermal_strain[:] += heat.rate
+
+
+def give_thermal_strain_beyond(engine: Field, places: np.ndarray, strains: np.ndarray) -> None:
+    """Set the thermal strains of nodes in the layers and in front of them, by their places in a level, after
+    `give_thermal_strain`; they stay until the next call. Beyond the outer ends of the layers they are zero.
+    """
+    thermal_strain, nodes = engine.tables.heat.thermal_strain, engine.layout.box.node_indices()
+    thermal_strain[places] = strains * engine.absent.exists[places]
+    inside = thermal_strain[nodes]
+    thermal_strain[:] = 0
+    thermal_strain[nodes] = inside
+    copy(thermal_strain, engine.tables.copies, 1)

@@ -15,12 +15,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.bonds import RULES
 from farhorizon.engine.codegen.compiled import njit
-from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS
+from farhorizon.engine.codegen.stencil_sweeps import TILE, TILE_ROWS, call_sweep, sweep_phases
 from farhorizon.engine.codegen.structs import Struct
 from farhorizon.engine.codegen.vector_operations import any_below
+from farhorizon.engine.feature import DONE, HALO, Feature, Step
+from farhorizon.engine.field import Field
 from farhorizon.engine.layout import ints
-from farhorizon.engine.threads import ALONE, add, chunk_of
+from farhorizon.engine.passes import Function, reads
+from farhorizon.engine.program import ONE, copy
+from farhorizon.engine.sweep_program import SHIFTS, ZERO, is_free, rows_of, sweep_rows
+from farhorizon.engine.tables import Material, Tables
+from farhorizon.engine.threads import ALONE, add, barrier, chunk_of
 
 LIQUID, MIXED, SOLID = 0, 1, 2
 #: Step of dissolution of a node that is still solid.
@@ -175,3 +182,156 @@ def dissolve_copies(u, coefficient, sweep, phases):
             coefficient[place] = 1
             uncount((halo[i, 1], halo[i, 2], halo[i, 3]), (block[1], block[2], block[3]), sweep.reach, phases)
             phases.total[0] += 1
+
+
+@reads("phases", "copies")
+def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
+    """Turn solid nodes liquid; where some have changed, find the runs of tiles anew."""
+    phases, coefficient = tables.phases, sums.material.coefficient
+    dissolve(thread, stage.out, coefficient, sums.sweep, phases, inputs.before[0] + step + 1)
+    barrier(thread)
+    if phases.total[0] != phases.total[1]:
+        find_runs(thread, phases)
+        barrier(thread)
+        if thread.number == 0:
+            phases.total[1] = phases.total[0]
+            copy(coefficient, tables.copies, ONE)
+        barrier(thread)
+
+
+@reads("phases")
+def dissolve_halo(thread, stage, sums, tables, inputs, step, number):
+    """Do the same in the halo, as other processes have just filled it."""
+    phases = tables.phases
+    if thread.number == 0:
+        dissolve_copies(stage.src, sums.material.coefficient, sums.sweep, phases)
+    barrier(thread)
+    if phases.total[0] != phases.total[1]:
+        find_runs(thread, phases)
+        barrier(thread)
+        if thread.number == 0:
+            phases.total[1] = phases.total[0]
+        barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_runs(stage, sums, runs, number):
+    """Sweep a part of the box: runs of liquid tiles by the compiled rows, mixed ones bond by bond, solid ones not at
+    all.
+
+    Runs are handled by addresses alone: Numba counts the references to an array that it passes on, which takes longer
+    than a tile.
+    """
+    sweep, material, src = sums.sweep, sums.material, stage.src
+    block = sweep.block
+    i0, first, last = rows_of(sweep, number)
+    upper, lower = first, last
+    first, last = first // TILE_ROWS, (last + TILE_ROWS - 1) // TILE_ROWS
+    metal = False
+    for row in range(first, last):
+        metal |= runs[row * block[1] + i0, 0, 0] != LIQUID or runs[row * block[1] + i0, 0, 1] * TILE < block[3]
+    if not metal:
+        sweep_rows(stage, sums, i0, upper, lower, ZERO, block[3])
+        return
+    size = src.itemsize
+    places = src.ctypes.data, material.coefficient.ctypes.data, stage.base.ctypes.data, stage.out.ctypes.data
+    bonds, apart = sweep.offsets.size, sweep.offsets.ctypes.data
+    between = sweep.general.ctypes.data + stage.part * sweep.general.shape[1] * size
+    plain = sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * size
+    for row in range(first, last):
+        at = (block[0] + i0 * block[4] + row * TILE_ROWS * block[5]) * size
+        to = (block[9] + i0 * block[10] + row * TILE_ROWS * block[11]) * size
+        count = min(TILE_ROWS, block[2] - row * TILE_ROWS)
+        run, stop = 0, 0
+        while stop < block[3]:
+            start, phase = stop, runs[row * block[1] + i0, run, 0]
+            stop = min(runs[row * block[1] + i0, run, 1] * TILE, block[3])
+            run += 1
+            source, result = at + start * size, to + start * size
+            if phase == LIQUID and sweep.function != 0:
+                call_sweep(
+                    sweep.function,
+                    (places[0] + source, places[2] + result, places[3] + result),
+                    plain,
+                    stage.a,
+                    stage.b,
+                    (stop - start, count),
+                    (block[6], block[7], block[8]),
+                    (block[5], block[11]),
+                    block.ctypes.data + 8 * SHIFTS,
+                )
+            elif phase != SOLID:
+                sweep_phases(
+                    (places[0] + source, places[1] + source, places[2] + result, places[3] + result),
+                    (apart, between, bonds),
+                    (stage.a_difference, stage.b, material.interface, material.ceiling),
+                    (stop - start, count),
+                    (block[5], block[11]),
+                )
+
+
+@reads("phases")
+def phases_part(thread, stage, sums, tables, inputs, step, number):
+    """Sweep a part of the box in which there are two phases."""
+    sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+@reads("phases")
+def phases_ahead(thread, stage, sums, tables, inputs, step, number):
+    """Do the same if it needs no halo."""
+    if is_free(sums, number):
+        sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+@reads("phases")
+def phases_rest(thread, stage, sums, tables, inputs, step, number):
+    """Do the same if it needs the halo."""
+    if not is_free(sums, number):
+        sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+def _sweep(tables: Tables) -> tuple[Function, Function, Function] | None:
+    return (phases_part, phases_ahead, phases_rest) if tables.phases.runs.size else None
+
+
+PHASES = Feature(
+    "phases",
+    [
+        Step(HALO, dissolve_halo, lambda tables, _, stage: stage == 0 and len(tables.phases.halo)),
+        Step(DONE, dissolve_nodes, lambda tables, *_: tables.phases.runs.size),
+    ],
+    table=Phases,
+    sweep=_sweep,
+    nodal=lambda phases: {"dissolved": phases.dissolved},
+    more=lambda phases: {name: getattr(phases, name) for name in ("runs", "solids", "volumes", "changed", "total")},
+)
+
+
+def set_phases(
+    engine: Field, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False
+) -> None:
+    """Set two phases: bonds between solid nodes carry nothing, bonds between the phases `interface` times their weight,
+    and a solid node becomes liquid once its value is below `saturation`; if `limited`, no value above it counts for
+    more than it between the phases.
+
+    `dissolved` are the steps (of `steps_done`) at which the nodes of the core became liquid, `NEVER` for solid ones.
+    Everything beyond the core is liquid, except for periodic sides and halos that other processes fill, which all of
+    them do together by calling this.
+    """
+    solid = dissolved == NEVER
+    beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in engine.layout.periodic}
+    steps = np.zeros(engine.layout.size, np.int64)
+    engine.core.view(steps)[...] = dissolved
+    factors = (engine.dtype.type(value) for value in (interface, saturation if limited else np.inf))
+    coefficient = engine.spread(np.where(solid, -interface, 1.0), beyond, jointly=True)
+    engine.replace(material=Material(coefficient, RULES.index("phases"), *factors))
+    engine.sweep_in_pieces(TILE_ROWS)
+    solid = engine.layout.box.all(coefficient) < 0
+    solids, volumes = count_solid(solid, engine.layout.reach, (1, TILE_ROWS, TILE))
+    period = np.array([n if a in engine.layout.periodic else 0 for a, n in enumerate(engine.layout.box.nodes)])
+    halo = np.zeros((0, 4), np.int64)
+    if engine.exchange is not None:
+        filled = engine.exchange.filled
+        filled, period = filled[coefficient[filled] < 0], np.zeros(3)
+        halo = np.column_stack([filled, engine.layout.box.coordinates(filled)])
+    engine.replace(phases=phases_table(solids, volumes, steps, saturation, period, halo))

@@ -14,7 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.feature import CHANGE, Feature, Room, Step
+from farhorizon.engine.features.flows import add_to
+from farhorizon.engine.field import Field
 from farhorizon.engine.layout import doubles, ints
+from farhorizon.engine.passes import reads
+from farhorizon.engine.tables import Inputs, Tables
+from farhorizon.engine.threads import barrier
 
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -147,3 +153,46 @@ def exact_ends(stage, ends):
                 stage.out[node] = stage.src[node] + stage.base[node]
             else:
                 stage.out[node] += gain
+
+
+@reads("ends", "flows")
+def add_exact_ends(thread, stage, sums, tables, inputs, step, number):
+    """Add the forces of the chains beyond all exact ends, and to the flows what these bring to their drivers; an
+    account below 0 means that there is none.
+    """
+    if thread.number == 0:
+        ends, flows = tables.ends, tables.flows
+        exact_ends(stage, ends)
+        effect = flows.effects[stage.part]
+        for end in range(flows.ends.shape[0]):
+            for m in range(flows.ends.shape[1]):
+                if flows.ends[end, m] >= 0:
+                    add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
+    barrier(thread)
+
+
+def _room(tables: Tables, inputs: Inputs, steps: int) -> list[Room]:
+    """The clock counts once per stage."""
+    ends, stages = tables.ends, len(tables.numbers)
+    clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0
+    return [("history", ends.history.shape[1:2], (clock,))]
+
+
+ENDS = Feature(
+    "ends",
+    [Step(CHANGE, add_exact_ends, lambda tables, *_: len(tables.ends.nodes))],
+    table=ExactEndTables,
+    map=lambda ends: (ends.nodes, ends.poles, ends.inputs, ends.outputs),
+    more=lambda ends: {"states": ends.states, "forces": ends.forces, "clock": ends.clock},
+    room=_room,
+)
+
+
+def lengthen_history(engine: Field, steps: int) -> None:
+    """Make room for the values of the drivers in a number of further steps."""
+    ends = engine.tables.ends
+    count, length, reach = ends.history.shape
+    if count and length < ends.clock[0] + steps:
+        more = max(int(ends.clock[0]) + steps - length, min(length, 1 << 20), 256)
+        history = np.concatenate([ends.history, np.zeros((count, more, reach))], axis=1)
+        engine.replace(ends=ends._replace(history=history))

@@ -15,7 +15,9 @@ import numpy as np
 
 from farhorizon.engine.codegen.compiled import njit
 from farhorizon.engine.codegen.vector_operations import BUNDLE, WINDOW, clear, move_up, window_sums
+from farhorizon.engine.feature import AFTER, Feature, Step
 from farhorizon.engine.layout import aligned_zeros, doubles, ints
+from farhorizon.engine.passes import reads
 from farhorizon.engine.threads import barrier, chunk_of
 
 
@@ -210,3 +212,18 @@ def fill_outline(thread, stage, stencil):
                     node = owners[bundle, i]
                     base[node] = out[node] - src[node]
         barrier(thread)
+
+
+@reads("outline_stencil")
+def fill_halo_of_outline(thread, stage, sums, tables, inputs, step, number):
+    """Fill the halo along an outline."""
+    fill_outline(thread, stage, tables.outline_stencil)
+
+
+OUTLINE = Feature(
+    "outline_stencil",
+    [Step(AFTER, fill_halo_of_outline, lambda tables, *_: tables.outline_stencil.nodes.size)],
+    table=OutlineStencil,
+    map=lambda stencil: stencil._replace(history=stencil.history[:0]),
+    other=lambda stencil: {"fringe": stencil.history.T},
+)

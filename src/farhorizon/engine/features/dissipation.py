@@ -11,8 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.codegen.compiled import njit
+from farhorizon.engine.feature import CHANGE, Feature, Step
+from farhorizon.engine.features.relaxations import relaxation_factors
+from farhorizon.engine.field import Field
 from farhorizon.engine.layout import doubles, ints, reals
+from farhorizon.engine.passes import reads
 from farhorizon.engine.threads import barrier, chunk_of
 
 
@@ -32,11 +35,12 @@ class Dissipation(NamedTuple):
     lost: np.ndarray = doubles(0, 0)  # in units of the update, over the mass of a node of the medium; (planes, rows)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def move_dashpots(thread, stage, block, relaxations, dissipation):
+@reads("relaxations", "dissipation")
+def dissipate(thread, stage, sums, tables, inputs, step, number):
     """Move the dashpots to the present displacements, and accumulate what that takes, after the forces have relaxed and
     before anything else has acted on the nodes.
     """
+    block, relaxations, dissipation = sums.sweep.block, tables.relaxations, tables.dissipation
     share, rate, keep = dissipation.share, dissipation.rate, dissipation.keep
     before, now, slid = dissipation.before, dissipation.now, dissipation.slid
     apart, back, mechanisms = stage.out.size // stage.components, -stage.b, share.size
@@ -61,3 +65,52 @@ def move_dashpots(thread, stage, block, relaxations, dissipation):
                     slid[m, at] = keep[m] * dashpot + before[m] * u
         dissipation.lost[i0, i1] += taken
     barrier(thread)
+
+
+DISSIPATION = Feature(
+    "dissipation",
+    [Step(CHANGE, dissipate, lambda tables, *_: tables.dissipation.share.size)],
+    table=Dissipation,
+    sums=lambda dissipation: {"relaxation": dissipation.lost[None]},
+)
+
+
+def set_dissipation(engine: Field, times: np.ndarray, shares: np.ndarray, first: np.ndarray, end: np.ndarray) -> None:
+    """Have the dashpots of the mechanisms of `set_relaxations`, which are the same at all nodes, followed; the energy
+    that they take from the nodes of the core from `first` to `end` is accumulated.
+    """
+    low, nodes = np.array(engine.layout.low), engine.layout.box.nodes
+    keep, now, later = relaxation_factors(times, np.ones_like(shares), engine.dt)
+    dissipation = Dissipation(
+        share=shares.astype(engine.dtype),
+        rate=(engine.dt / times).astype(engine.dtype),
+        keep=keep.astype(engine.dtype),
+        before=(later - keep * now).astype(engine.dtype),
+        now=now.astype(engine.dtype),
+        slid=engine.levels[engine.stages.levels + len(times) :],
+        first=first.astype(np.int64) + low,
+        end=end.astype(np.int64) + low,
+        lost=np.zeros(nodes[:2]),
+    )
+    engine.replace(dissipation=dissipation)
+
+
+def begin_dissipation(engine: Field) -> None:
+    """Let the dashpots be where they are without stress that has relaxed, in the present state."""
+    dissipation = engine.tables.dissipation
+    for now, slid in zip(dissipation.now, dissipation.slid, strict=True):
+        slid[:] = -now * engine.current
+
+
+def dissipated(engine: Field) -> float:
+    """Energy that relaxation has dissipated, per unit mass of a node."""
+    return float(engine.tables.dissipation.lost.sum()) / engine.dt**2
+
+
+def dashpots(engine: Field) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Return for each mechanism its share, and the displacements of its dashpots now and a step ago, as levels."""
+    share, _, keep, before, now, slid, *_ = engine.tables.dissipation
+    u, old = engine.current, engine.older
+    return [
+        (float(share[m]), values + now[m] * u, (values - before[m] * old) / keep[m]) for m, values in enumerate(slid)
+    ]

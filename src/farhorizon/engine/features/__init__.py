@@ -1,0 +1,1 @@
+"""The features of a step, each in one file; `engine.feature_list` lists them."""
