@@ -119,10 +119,8 @@ class BondZone:
             softening=softening,
             surface=len(engine.absent.excess) if forces else 0,
         )
-        addresses = np.array(load_rows("bond_rows", law=law), np.int64)
+        addresses = np.array(_sweeps(law, functions), np.int64)
         start = np.repeat(() if functions is None else functions.start, len(engine.offsets))
-        if functions is not None:
-            addresses[DAMAGED] = function_sweep(law, functions).address
         released, bounds = self._energies(spacing)
         spread = {
             name: engine.spread(values, jointly=True)
@@ -488,3 +486,11 @@ class BondZone:
     def limit(self) -> float:
         """Largest e at which the weakest bonds do not break; see `set`."""
         return float(self.table.limit[0])
+
+
+def _sweeps(law: BondLaw, functions: BondFunctions | None) -> tuple[int, int, int]:
+    """Addresses of the sweeps of plain tiles and of a damaged one, and of the bound of the stretch."""
+    of_intact = law._replace(contact=False, softening=None, surface=0)  # what matters once a bond is absent or softens
+    damaged = load_rows("damaged_rows", law=law)[0] if functions is None else function_sweep(law, functions).address
+    steep = load_rows("steep_rows", components=law.components, real=law.real)[0]
+    return load_rows("intact_rows", law=of_intact)[0], damaged, steep

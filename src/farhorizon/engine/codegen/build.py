@@ -45,22 +45,27 @@ ROWS = {
             "matrices.matrix_sweep(stencil, real, form, lines)",
         )
     ],
-    "bond_rows": [
+    # of bonds, each by what its code depends on: most laws share the first and the last
+    "intact_rows": [
         Row(
             "intact(at, shape, a, b, limit)",
             "bond_sweeps.bond_signature(law.real)",
             "bond_sweeps.bond_sweep(law, damaged=False)",
-        ),
+        )
+    ],
+    "damaged_rows": [
         Row(
             "damaged(at, shape, a, b, limit)",
             "bond_sweeps.bond_signature(law.real)",
             "bond_sweeps.bond_sweep(law, damaged=True)",
-        ),
+        )
+    ],
+    "steep_rows": [
         Row(
             "steep(src, planes, rows, n, step0, step1, apart)",
             "bond_sweeps.STEEPNESS_SIGNATURE",
-            "bond_sweeps.steepness(law.components, law.real)",
-        ),
+            "bond_sweeps.steepness(components, real)",
+        )
     ],
     "shift_rows": [
         Row(

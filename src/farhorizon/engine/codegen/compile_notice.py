@@ -16,7 +16,7 @@ _PURPOSES = {
     "farhorizon.engine.program": "the time loop",
     "stencil_rows_": "the sweep of a stencil",
     "matrix_rows_": "the sweep of a stencil",
-    "bond_rows_": "the sweep of breaking bonds",
+    **dict.fromkeys(("intact_rows_", "damaged_rows_", "steep_rows_"), "the sweep of breaking bonds"),
     "farhorizon.": "other kernels",
 }
 _SHORT = 0.2  # seconds below which no line is printed: nobody notices the wait
