@@ -19,10 +19,12 @@ from farhorizon.engine.codegen.code_digest import digest
 from farhorizon.engine.codegen.numba_internals import (
     CacheLocator,
     CFunc,
+    Compiler,
     CompileResultCacheImpl,
     CPUDispatcher,
     FunctionCache,
     IndexDataCacheFile,
+    JITCodeLibrary,
     sigutils,
 )
 from farhorizon.files.cache import cache_folder, sealed, unsealed
@@ -132,6 +134,36 @@ def _fields(kind: Any) -> tuple[Any, ...]:
     return getattr(kind, "fields", ()), tuple(map(_fields, of_parts))
 
 
+class _Inlined(JITCodeLibrary):
+    """Code of a function that compiled functions alone call. It becomes a part of theirs, and is optimised as a whole
+    and turned into machine code there, not by itself as well: that would take a fifth of the time of all compiling.
+    """
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 0  # as for what a library does not define
+
+    @property
+    def codegen(self) -> _Inlined:
+        return self  # Numba asks it for nothing else than this:
+
+    def set_env(self, name: str, env: Any) -> None:
+        """Ignore the objects that machine code could refer to."""
+
+
+class _InnerCompiler(Compiler):
+    """Numba's compiler, for such code."""
+
+    def __init__(self, typingctx: Any, targetctx: Any, library: None, *rest: Any) -> None:
+        super().__init__(typingctx, targetctx, _Inlined(targetctx.codegen(), "inlined"), *rest)
+
+
 def njit(
     *, cache: bool = False, counted: bool = True, entry: bool | None = None, **options: Any
 ) -> Callable[[Callable[..., Any]], Any]:
@@ -141,18 +173,21 @@ def njit(
     Such a function must create no arrays; those passed to it outlive the call, as their owner waits for it.
 
     Python can call only an `entry`, by default those functions that are counted. The wrapper for calls from Python
-    unpacks all arrays among the arguments, and compiling it takes a quarter of the total time.
+    unpacks all arrays among the arguments, and compiling it takes a quarter of the total time. Other functions are kept
+    as parts of those that call them.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         called = counted if entry is None else entry
-        made = numba.njit(**options | {"_nrt": counted, "no_cpython_wrapper": not called, "no_cfunc_wrapper": True})(
-            function
-        )
-        if not called:
+        options_of_numba = options | {"_nrt": counted, "no_cpython_wrapper": not called, "no_cfunc_wrapper": True}
+        made: Any
+        if called:
+            made = numba.njit(**options_of_numba)(function)
+            if cache:
+                made._cache = _SealedCache(function)
+        else:
+            made = numba.njit(pipeline_class=_InnerCompiler, **options_of_numba)(function)
             made.__class__ = _Inner
-        if cache:
-            made._cache = _SealedCache(function)
         return made
 
     return decorate

@@ -26,7 +26,8 @@ try:
     from numba.core import cgutils, event, sigutils
     from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
     from numba.core.ccallback import CFunc
-    from numba.core.compiler import Flags
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler, Flags
     from numba.core.imputils import lower_getattr_generic
     from numba.core.registry import CPUDispatcher
     from numba.core.typing.templates import AttributeTemplate, infer_getattr
@@ -57,6 +58,13 @@ USED: dict[Any, tuple[str, ...]] = {
     IndexDataCacheFile: ("_data_path", "_dump", "_load_data", "_load_index"),
     CFunc: ("_targetdescr", "compile"),
     Flags: ("error_model",),
+    JITCodeLibrary: (
+        "_finalize_dynamic_globals",
+        "_finalize_final_module",
+        "_optimize_final_module",
+        "codegen",
+        "get_pointer_to_function",
+    ),
 }
 
 
@@ -76,9 +84,11 @@ __all__ = [
     "CPUDispatcher",
     "CacheLocator",
     "CompileResultCacheImpl",
+    "Compiler",
     "Flags",
     "FunctionCache",
     "IndexDataCacheFile",
+    "JITCodeLibrary",
     "arrayobj",
     "cgutils",
     "event",
