@@ -577,8 +577,8 @@ def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, mo
     checkpoint, with next to none of the error. In full for smaller targets, where the target or the length of the run
     is unknown, in 2D, and in what a certificate examines.
     """
-    box = fh.Lattice(1.0, (0.0,) * 3, (26.0,) * 3)
-    pulse = "exp(-((x-11)**2 + (y-14)**2 + (z-15)**2)/5)"
+    box = fh.Lattice(1.0, (0.0,) * 3, (18.0,) * 3)
+    pulse = "exp(-((x-8)**2 + (y-9)**2 + (z-10)**2)/3)"
 
     def make(lattice=box, threads=1, **asked):
         layer = fh.LatticePML(**asked)
@@ -608,6 +608,7 @@ def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, mo
     for run in (pieces, resumed):
         run.step(steps - steps // 3)
     threads.step(steps)
+    assert threads.engine.threads == 2
     for other in (pieces, resumed, threads):
         np.testing.assert_array_equal(other.fields["u"], short.fields["u"])
 

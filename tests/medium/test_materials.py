@@ -97,6 +97,8 @@ of = "glass"
 young = "60 GPa"
 [initial]
 u = [0, "1e-3*exp(-x**2-y**2)"]
+[boundary]
+all = { type = "free" }
 [run]
 until = 1.0
 """
