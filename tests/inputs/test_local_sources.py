@@ -374,6 +374,37 @@ def test_in_a_hole_or_beside_it(at):
 
 
 @pytest.mark.parametrize(
+    ("source", "key"),
+    [
+        (fh.PointForce((0.3, 0.0), (1, 0)), "at"),
+        (fh.PointForce((0.3, 0.0), (1, 0), interpolation="linear"), "at"),
+        (fh.MomentTensor((0.0, 0.0), 1.0), "at"),
+        (fh.LineSource([(-9.0, -3.5), (9.0, -3.5)], (1, 0), interpolation="linear"), "points"),
+        (fh.PhasedArray((-3.0, 0.5), (3.0, 0.5), 2, (1, 0), 1.0, interpolation="linear"), "first"),
+    ],
+)
+def test_not_across_a_crack(source, key):
+    """A source is not spread over nodes on the other side of a crack, on which it does not act."""
+    crack, far = [[(0.4, -9.0), (0.4, 9.0)]], [[(9.4, -9.0), (9.4, 9.0)]]
+    given = {"lattice": square(12.0, 0.5), "model": elastic(0.5), "boundary": fh.Fixed(), "sources": [source]}
+    with pytest.raises(fh.InputError, match=rf"source\.{key}: a crack lies between .*limit: interpolation = "):
+        fh.Simulation(**given, cracks=crack)
+    if key == "at":
+        fh.Simulation(**given, cracks=far)
+
+
+def test_beside_a_crack():
+    """On a node, or between nodes that all lie on its side, a force acts on this side alone."""
+    crack, there = [[(0.6, -13.0), (0.6, 13.0)]], (square(12.0, 0.5).coordinates()[0] > 0.6)
+    for at, interpolation in (((0.5, 0.0), "sinc"), ((0.3, 0.2), "linear"), ((-4.2, 0.2), "sinc")):
+        source = fh.PointForce(at, (1, 0), interpolation=interpolation)
+        sim = fh.Simulation(square(12.0, 0.5), elastic(0.5), fh.Free(), sources=[source], cracks=crack)
+        sim.step(20)
+        u = np.abs(sim.fields["u"])
+        assert u[:, there].max() < 1e-12 * u.max()  # absent bonds are subtracted, to rounding
+
+
+@pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: fh.PointForce([[0, 0]], (1, 0)), "one coordinate per axis"),

@@ -15,7 +15,7 @@ point over nodes, so that the transmission between two points is the same in bot
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from farhorizon import kinds
 from farhorizon.arguments import Point, Toml
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Cut
 from farhorizon.machine import check_fits
 
 HALF_WIDTH = 8  # nodes to either side of a point that the windowed sinc reads
@@ -78,6 +79,7 @@ def interpolation_blocks(
     derivative: int | None = None,
     key: str = "points",
     moving: int | None = None,
+    cuts: Iterable[Cut] = (),
 ) -> Blocks:
     """Blocks whose sums are the values of a field at points, as from `as_points`, or its first derivatives there along
     an axis: the windowed sinc itself is differentiated, "linear" interpolates central differences.
@@ -85,8 +87,8 @@ def interpolation_blocks(
     With an axis `moving`, the weights are the changes of these per length by which the points move along it.
 
     An InputError, which names the points `key`, for an unknown method, a point outside the near field or in a hole, one
-    so close to an edge or a hole that some of the nodes in its sum do not exist, or one that moves off a node where the
-    weights have a kink.
+    so close to an edge or a hole that some of the nodes in its sum do not exist, one with `cuts` between it and some of
+    them, across which a field jumps, or one that moves off a node where the weights have a kink.
 
     Examples
     --------
@@ -110,6 +112,7 @@ def interpolation_blocks(
     weights = tuple(along / lattice.spacing ** sum(orders[a]) for a, (_, along) in enumerate(along_axes))
     blocks = Blocks(np.stack([first for first, _ in along_axes], axis=1), weights, lattice.shape)
     _check_whole(lattice, points, blocks, method, derivative is not None, key)
+    _check_uncut(lattice, points, blocks, cuts, method, derivative is not None, key)
     return blocks
 
 
@@ -238,6 +241,28 @@ def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: s
             key=key,
             remedy=another_point(method, derived),
         )
+
+
+def _check_uncut(
+    lattice: Lattice, points: np.ndarray, blocks: Blocks, cuts: Iterable[Cut], method: str, derived: bool, key: str
+) -> None:
+    """Raise an InputError for a point with a cut between it and nodes in its sum."""
+    width = [along.shape[1] - 1 for along in blocks.weights]
+    first, last = (lattice.lower + lattice.spacing * nodes for nodes in (blocks.first, blocks.first + width))
+    for cut in cuts:
+        low, high = cut.bounds()
+        for number in np.flatnonzero(((first <= high) & (last >= low)).all(1)):
+            one = Blocks(blocks.first[[number]], tuple(along[[number]] for along in blocks.weights), blocks.shape)
+            nodes, weights = one.entries()
+            used = np.stack(np.unravel_index(nodes[weights != 0], lattice.shape), -1)
+            if len(used) > 1 and cut.cuts(points[number], lattice.lower + lattice.spacing * used).any():
+                raise InputError(
+                    "a crack lies between the point and nodes that its interpolation takes",
+                    value=points[number],
+                    limit=f"interpolation = {method!r}",
+                    key=key,
+                    remedy=another_point(method, derived),
+                )
 
 
 def another_point(method: str, derived: bool) -> str:

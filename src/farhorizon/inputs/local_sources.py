@@ -22,6 +22,7 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.expressions import as_signal
 from farhorizon.inputs.sources import Source
 
@@ -48,7 +49,7 @@ class LocalSource(Registered, Storable, ABC):
     known: ClassVar[dict[str, type[LocalSource]]] = {}
 
     @abstractmethod
-    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+    def placed(self, lattice: Lattice, components: int, key: str, cuts: Sequence[Cut] = ()) -> list[Source]:
         """The source on the nodes: an array and its factor of time, for each such factor.
 
         Parameters
@@ -58,12 +59,14 @@ class LocalSource(Registered, Storable, ABC):
             Number of components of the field.
         key : str
             Key that messages name.
+        cuts : sequence of Cut
+            Cracks, which must not lie between the source and nodes over which it is spread.
 
         Raises
         ------
         InputError
             A source for another kind of field or another dimension, or one for which some of the nodes over which it is
-            spread do not lie in the near field.
+            spread do not lie in the near field, or lie beyond a crack.
         """
 
 
@@ -75,6 +78,7 @@ def spread(
     key: str,
     derivative: int | None = None,
     moving: int | None = None,
+    cuts: Sequence[Cut] = (),
 ) -> np.ndarray:
     """Return densities on the nodes whose integral is the sum of the `amounts` (n,) at points (n, dim), or their
     changes per length as these move along an axis, `derivative`, and along `moving`, exact for the weights. Raises
@@ -84,7 +88,7 @@ def spread(
     for start in range(0, len(points), _AT_ONCE):
         some = slice(start, start + _AT_ONCE)
         nodes, weights = interpolation_blocks(
-            lattice.whole, points[some], interpolation, derivative, key, moving
+            lattice.whole, points[some], interpolation, derivative, key, moving, cuts
         ).entries()
         inside, here = lattice.own(nodes)
         np.add.at(density, here, (weights * amounts[some, None])[inside])
@@ -187,14 +191,14 @@ class PointSource(LocalSource):
     def __post_init__(self) -> None:
         set_source_fields(self, at=place_of(self.at), strength=kinds.number(self.strength, "source.strength"))
 
-    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+    def placed(self, lattice: Lattice, components: int, key: str, cuts: Sequence[Cut] = ()) -> list[Source]:
         """The source as arrays on the nodes."""
-        density = _at_point(self, lattice, key)
+        density = _at_point(self, lattice, key, cuts=cuts)
         return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]
 
-    def moved(self, lattice: Lattice, components: int, key: str, axis: int) -> np.ndarray:
+    def moved(self, lattice: Lattice, components: int, key: str, axis: int, cuts: Sequence[Cut] = ()) -> np.ndarray:
         """The change of the source on the nodes per length by which its place moves along an axis."""
-        return directed(_at_point(self, lattice, key, axis), self.strength, components, f"{key}.strength")
+        return directed(_at_point(self, lattice, key, axis, cuts), self.strength, components, f"{key}.strength")
 
 
 @dataclass(frozen=True)
@@ -241,20 +245,22 @@ class PointForce(LocalSource):
     def __post_init__(self) -> None:
         set_source_fields(self, at=place_of(self.at), force=amount_of(self.force, "source.force"))
 
-    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+    def placed(self, lattice: Lattice, components: int, key: str, cuts: Sequence[Cut] = ()) -> list[Source]:
         """The source as arrays on the nodes."""
-        density = _at_point(self, lattice, key)
+        density = _at_point(self, lattice, key, cuts=cuts)
         return [Source(directed(density, self.force, components, f"{key}.force"), self.time)]  # type: ignore[arg-type]
 
-    def moved(self, lattice: Lattice, components: int, key: str, axis: int) -> np.ndarray:
+    def moved(self, lattice: Lattice, components: int, key: str, axis: int, cuts: Sequence[Cut] = ()) -> np.ndarray:
         """The change of the source on the nodes per length by which its place moves along an axis."""
-        density = _at_point(self, lattice, key, axis)
+        density = _at_point(self, lattice, key, axis, cuts)
         return directed(density, self.force, components, f"{key}.force")  # type: ignore[arg-type]
 
 
-def _at_point(source: PointSource | PointForce, lattice: Lattice, key: str, moving: int | None = None) -> np.ndarray:
+def _at_point(
+    source: PointSource | PointForce, lattice: Lattice, key: str, moving: int | None = None, cuts: Sequence[Cut] = ()
+) -> np.ndarray:
     points = as_points([source.at], lattice.dim, f"{key}.at")
-    return spread(lattice, points, np.ones(1), source.interpolation, f"{key}.at", moving=moving)
+    return spread(lattice, points, np.ones(1), source.interpolation, f"{key}.at", moving=moving, cuts=cuts)
 
 
 @dataclass(frozen=True)
@@ -364,7 +370,7 @@ class MomentTensor(LocalSource):
             )
         return tensor
 
-    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+    def placed(self, lattice: Lattice, components: int, key: str, cuts: Sequence[Cut] = ()) -> list[Source]:
         """The source as arrays on the nodes."""
         if components == 1 or components != lattice.dim:
             raise InputError(
@@ -374,11 +380,11 @@ class MomentTensor(LocalSource):
                 key=key,
                 remedy="PointSource for a scalar field",
             )
-        return [Source(self._force(lattice, key), self.time)]
+        return [Source(self._force(lattice, key, cuts=cuts), self.time)]
 
-    def moved(self, lattice: Lattice, components: int, key: str, axis: int) -> np.ndarray:
+    def moved(self, lattice: Lattice, components: int, key: str, axis: int, cuts: Sequence[Cut] = ()) -> np.ndarray:
         """The change of the source on the nodes per length by which its place moves along an axis."""
-        return self._force(lattice, key, axis)
+        return self._force(lattice, key, axis, cuts=cuts)
 
     def turned(self, lattice: Lattice, key: str, angle: str) -> np.ndarray:
         """The change of the source on the nodes per degree of one of the angles of a double couple."""
@@ -390,14 +396,19 @@ class MomentTensor(LocalSource):
         return _double_couple(*(np.pi / 180 * (getattr(self, name) + more.get(name, 0)) for name in ANGLES))
 
     def _force(
-        self, lattice: Lattice, key: str, moving: int | None = None, tensor: np.ndarray | None = None
+        self,
+        lattice: Lattice,
+        key: str,
+        moving: int | None = None,
+        tensor: np.ndarray | None = None,
+        cuts: Sequence[Cut] = (),
     ) -> np.ndarray:
         """Its force on the nodes, or the change of that per length along an axis, for its tensor or another one."""
         tensor = self.tensor(lattice.dim) if tensor is None else tensor
         points = as_points([self.at], lattice.dim, f"{key}.at")
         force = np.zeros((lattice.dim, *lattice.shape))
         for axis in np.flatnonzero(tensor.any(0)):
-            slope = spread(lattice, points, np.ones(1), self.interpolation, f"{key}.at", int(axis), moving)
+            slope = spread(lattice, points, np.ones(1), self.interpolation, f"{key}.at", int(axis), moving, cuts)
             force += np.multiply.outer(tensor[:, axis], slope)
         return force
 
@@ -461,12 +472,12 @@ class LineSource(LocalSource):
             )
         set_source_fields(self, points=points.tolist(), strength=amount_of(self.strength, "source.strength"))
 
-    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+    def placed(self, lattice: Lattice, components: int, key: str, cuts: Sequence[Cut] = ()) -> list[Source]:
         """The source as arrays on the nodes."""
         corners = as_points(self.points, lattice.dim, f"{key}.points")
         pieces = [patch(start, [end - start], lattice, f"{key}.points") for start, end in itertools.pairwise(corners)]
         points, amounts = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-        density = spread(lattice, points, amounts, self.interpolation, f"{key}.points")
+        density = spread(lattice, points, amounts, self.interpolation, f"{key}.points", cuts=cuts)
         return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]  # type: ignore[arg-type]
 
 

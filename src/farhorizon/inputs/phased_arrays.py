@@ -13,6 +13,7 @@ from farhorizon.arguments import ANY, Length, OfTime, Speed, Unit
 from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import as_points
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, set_source_fields, spread
 from farhorizon.inputs.signals import SMALL, Delayed, Signal
 from farhorizon.inputs.sources import Source, steady
@@ -150,7 +151,7 @@ class PhasedArray(LocalSource):
             lead = np.linspace(0.0, self._length, self.elements) * np.sin(np.radians(self.angle or 0.0))
         return np.asarray((lead - lead.min()) / self.speed)
 
-    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+    def placed(self, lattice: Lattice, components: int, key: str, cuts: Sequence[Cut] = ()) -> list[Source]:
         """The source as arrays on the nodes."""
         need = 8.0 * components * float(np.prod(lattice.shape)) * self.elements
         check_fits(need, f"{self.elements} elements, each on all nodes, do", "source.elements", "fewer elements")
@@ -160,7 +161,7 @@ class PhasedArray(LocalSource):
         sources = []
         for centre, delay in zip(as_points(self.centres, lattice.dim, f"{key}.first"), self.delays, strict=True):
             points, amounts = patch(centre - sum(edges) / 2, edges, lattice, f"{key}.first")
-            density = spread(lattice, points, amounts, self.interpolation, f"{key}.first")
+            density = spread(lattice, points, amounts, self.interpolation, f"{key}.first", cuts=cuts)
             values = directed(density, self.strength, components, f"{key}.strength")  # type: ignore[arg-type]
             sources.append(Source(values, _later(self.time or steady, float(delay))))
         return sources

@@ -79,11 +79,11 @@ def source_slopes(sim: Simulation, name: str) -> SourceSlopes:
     near, (key, _, parameter) = sim.parts.near, name.rpartition(".")
     source = dict(zip(keys("source", sim.setup.sources), sim.setup.sources, strict=True))[key]
     lattice, components = near.lattice, near.stencil.components
-    value = np.asarray(getattr(source, parameter), float)
+    value, cuts = np.asarray(getattr(source, parameter), float), [crack.cut for crack in sim.setup.cracks]
     if parameter in ANGLES:
         sources = [Source(source.turned(lattice, key, parameter), source.time)]
     elif parameter == "at":
-        fields = [source.moved(lattice, components, key, axis) for axis in range(lattice.dim)]
+        fields = [source.moved(lattice, components, key, axis, cuts) for axis in range(lattice.dim)]
         sources = [Source(field, source.time) for field in fields]
     else:  # linear: the derivative by an entry is the source of a unit
         units = np.eye(value.size).reshape(-1, *value.shape)

@@ -76,37 +76,23 @@ class _AtPoints(LinearRecorder, offered=False):
         """
         lattice, sums = parts.whole.near.lattice, []
         for axis in [None, *range(lattice.dim)] if self._derived else [None]:
-            sums.append(interpolation_blocks(lattice, self.points, self.interpolation, axis, key))
-            self._check(setup, parts, sums[-1], another_point(self.interpolation, axis is not None), key)
+            cuts = [crack.cut for crack in setup.cracks]
+            sums.append(interpolation_blocks(lattice, self.points, self.interpolation, axis, key, cuts=cuts))
+            self._check(parts, sums[-1], another_point(self.interpolation, axis is not None), key)
         return tuple(sums)
 
-    def _check(self, setup: Setup, parts: RunParts, blocks: Blocks, remedy: str, key: str) -> None:
-        """Raise InputError if an interpolation uses nodes beyond a wall, which are images of those inside, or beyond a
-        crack, where the field jumps.
-        """
-        points, limit = self.points, f"interpolation = {self.interpolation!r}"
+    def _check(self, parts: RunParts, blocks: Blocks, remedy: str, key: str) -> None:
+        """Raise InputError if an interpolation uses nodes beyond a wall, which are images of those inside."""
         nodes, weights = blocks.entries()
         hidden = ((weights != 0) & parts.hides(nodes)).any(axis=1)
         if hidden.any():
             raise InputError(
                 "the point needs nodes beyond a wall, which are images of those inside",
-                value=points[hidden][0],
-                limit=limit,
+                value=self.points[hidden][0],
+                limit=f"interpolation = {self.interpolation!r}",
                 key=key,
                 remedy=remedy,
             )
-        lattice = parts.near.lattice.whole
-        for number in np.flatnonzero(np.count_nonzero(weights, axis=1) > 1) if setup.cracks else ():
-            used = nodes[number][weights[number] != 0]
-            ends = lattice.lower + lattice.spacing * np.stack(np.unravel_index(used, lattice.shape), -1)
-            if any(crack.cut.cuts(points[number], ends).any() for crack in setup.cracks):
-                raise InputError(
-                    "a crack lies between the point and nodes that its interpolation takes",
-                    value=points[number],
-                    limit=limit,
-                    key=key,
-                    remedy=remedy,
-                )
 
     def functional(self, step_values: StepValues) -> np.ndarray:
         """Return the field, its derivatives and the thermal strain, laid out as in `Reading`."""

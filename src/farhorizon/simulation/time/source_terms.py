@@ -125,12 +125,14 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
     """Return the sources other than incident waves, and the loads as sources, each with its name in messages; local
     sources are replaced by their values on nodes.
     """
-    plain = _plain(setup)
+    plain, cuts = _plain(setup), [crack.cut for crack in setup.cracks]
     sources = [
         (key, part)
         for key, source in zip(keys("source", plain), plain, strict=True)
         for part in (
-            source.placed(near.lattice, near.stencil.components, key) if isinstance(source, LocalSource) else [source]
+            source.placed(near.lattice, near.stencil.components, key, cuts)
+            if isinstance(source, LocalSource)
+            else [source]
         )
     ]
     loads = [
