@@ -237,7 +237,13 @@ class Interpreter:
         """Return the largest strain e at which bonds do not break."""
         bonds = self.tables.bonds
         strength = np.broadcast_to(bonds.strength, self.engine.layout.size)
-        return np.asarray(bonds.limit[0] * np.minimum(strength[nodes], strength[neighbours]))
+        strength = np.minimum(strength[nodes], strength[neighbours])
+        if bonds.stiffness.size == 1:
+            return np.asarray(bonds.limit[0] * strength)
+        stiffness = factors_of(self.tables.material._replace(coefficient=bonds.stiffness), nodes, neighbours)
+        limit = np.sqrt(1 + bonds.limit[0]) - 1 if bonds.nonlinear else bonds.limit[0]
+        limit = limit * np.sqrt(strength / stiffness)
+        return np.asarray(limit * (2 + limit) if bonds.nonlinear else limit)
 
     def clear(self, bond: int, nodes: np.ndarray) -> None:
         """Remove a bond at some nodes."""

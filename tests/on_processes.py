@@ -277,6 +277,10 @@ SLOW = {
     "a crack into a layer": (plane(cracks=[[(-99.0, 0.13), (0.7, 0.13)]]), ALONG_X + ALONG_Y),
     "breaking": (torn(critical_stretch=0.005), ALONG_X),
     "breaking strata": (torn(critical_stretch="where(y > 1, 0.004, 0.005)", density="where(x > 1, 1.5, 1)"), ALONG_Y),
+    "breaking along a weld": (
+        torn(fracture_energy="where(abs(y) < 0.9, 3e-6, 1e-5)", young="where(y > 0.13, 1, 2)"),
+        ALONG_Y,
+    ),
     "an incident wave below a surface": (
         plane(
             SOLID,

@@ -19,7 +19,7 @@ class PairByPair:
     stretch so far lies on the curve of the law, and they unload from there to the origin.
     """
 
-    def __init__(self, sim, held=False, coefficient=None, rule="both", strength=None, final=None):
+    def __init__(self, sim, held=False, coefficient=None, rule="both", strength=None, final=None, energy=None):
         model, lattice = sim.model, sim.lattice
         reach = sim.stencil.reach[0] if held else 0
         shape = np.array(lattice.shape) + 2 * reach
@@ -34,7 +34,8 @@ class PairByPair:
         self.c = model.bond_stiffness(sim.stencil, lattice.spacing)[bond] / model.density
         if coefficient is not None:
             factor = np.pad(coefficient, reach, mode="edge").ravel()
-            self.c *= RULES[rule](factor[self.i], factor[self.j])
+            factor = RULES[rule](factor[self.i], factor[self.j])
+            self.c *= factor
         self.xi = lattice.spacing * (index[self.j] - index[self.i]).astype(float)
         self.length = np.linalg.norm(self.xi, axis=1)
         self.law, self.inner = free[self.i] & free[self.j], inner
@@ -48,6 +49,9 @@ class PairByPair:
         if strength is not None:
             stretch = np.pad(strength, reach, mode="edge").ravel()
             self.limit = np.minimum(stretch[self.i], stretch[self.j])
+        if energy is not None:
+            energy = np.pad(energy, reach, mode="edge").ravel()
+            self.limit = np.sqrt(np.minimum(energy[self.i], energy[self.j]) / (held_at(1.0, lattice.dim) * factor))
         self.softening, self.largest = model.softening, np.zeros(len(self.i))
         if self.softening:
             final = np.pad(np.broadcast_to(final, lattice.shape), reach, mode="edge").ravel()
@@ -160,6 +164,17 @@ def test_bonds_of_strengths_that_vary(shape, held, nonlinear):
     plain = PairByPair(sim, held, strength=strength)
     assert_both_break_alike(sim, plain)
     assert sim.broken_bonds != shaken(shape, nonlinear, Fixed() if held else None, reach).run(sim.time).broken_bonds
+
+
+@pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
+@pytest.mark.parametrize(("shape", "held", "nonlinear"), [((13, 19), False, False), ((9, 7, 8), True, True)])
+def test_bonds_of_fracture_energies_and_stiffnesses_that_vary(shape, held, nonlinear, rule):
+    """A bond takes the energy of its weaker end, whatever its stiffness."""
+    rng, dim = np.random.default_rng(9), len(shape)
+    energy, coefficient = held_at(0.03, dim) * rng.uniform(1, 4, shape), rng.uniform(0.3, 3.0, shape)
+    options = {"coefficient": coefficient, "rule": rule, "law": {"fracture_energy": energy}, "strength": None}
+    sim = shaken(shape, nonlinear, Fixed() if held else None, **options)
+    assert_both_break_alike(sim, PairByPair(sim, held, coefficient, rule, energy=energy))
 
 
 @pytest.mark.parametrize(("shape", "held", "nonlinear"), [((13, 19), True, False), ((9, 7, 8), False, True)])

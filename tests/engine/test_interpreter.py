@@ -213,6 +213,13 @@ CASES = {
         {"v": 0.03 * bump((13, 14), 2)},
         balance=True,
     ),
+    "breaking bonds of many energies": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), "1 + (x > 6)", nonlinear=True, fracture_energy=fh.Weibull(6e-4, 5, 1.0)),
+        {"x": SLOW, "y": fh.Free()},
+        {"v": 0.03 * bump((13, 14), 2)},
+        balance=True,
+    ),
     "stresses of a body with a crack": lambda: fh.Simulation(
         fh.Lattice(1.0, (0.0, 0.0), (16.0, 15.0), body=fh.Box((-1.0, -1.0), (17.0, 16.0)) - fh.Disc(2.2, (12.0, 4.0))),
         fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="correspondence", stabilisation=0.3),

@@ -175,6 +175,40 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
     assert touched.sum() == 2 * sim.stencil.reach[1]  # one reach on either side of the plane
 
 
+@pytest.mark.parametrize("stiffer", [1.0, 4.0, 10.0])
+def test_a_crack_along_an_interface_spends_the_energy_of_the_interface(stiffer):
+    """Between two solids, of which one is stiffer, a strip as wide as the horizon and a spacing has a tenth of their
+    fracture energy. A strip that is held at its edges, 1.3 times as far apart as the layers store this energy in
+    uniaxial strain, pulls a crack along the interface, slower than waves along it.
+
+    The tolerance is 10 %: the energy of the bonds across a plane along an axis is 3 % smaller than the mean over all
+    directions, and that of bonds beside the plane comes in addition (see above).
+    """
+    energy, dx, half, edge, duration = 3e-5, 0.5, 20.0, 7.75, 150.0
+    young, weak = f"where(y < 0, {stiffer}, 1)", f"{energy}*where(abs(y) < 1, 1, 10)"
+    model = fh.Elastic(fh.Kernel(1.5, 1), young, plane="stress", fracture_energy=weak)
+    compliance = edge * (1 + 1 / stiffer) * 8 / 9  # P modulus 9/8, for Poisson's ratio 1/3
+    speed = math.sqrt(2 * 1.3 * compliance * energy) / 2 / duration
+    held = [
+        fh.Prescribed(
+            fh.Box((-99.0, side * edge - 0.6), (99.0, side * edge + 0.6)),
+            velocity=[None, f"{side * speed}*where(t < {duration}, 1, 0)"],
+        )
+        for side in (-1, 1)
+    ]
+    lattice, notch = fh.Lattice(dx, (-half, -edge), (half, edge)), [[-half - 1, 0], [-half / 2, 0]]
+    sim = fh.Simulation(lattice, model, fh.Free(), constraints=held, cracks=[notch])
+    rows = []
+    while not rows or (rows[-1][0] < 6 and sim.time < 400):
+        sim.run(sim.time + 2.0, progress=False)
+        broken = (sim.fields["damage"][:, np.abs(lattice.axes[1]) < 2] > 0.2).any(1)
+        rows.append((lattice.axes[0][broken].max(), sim.energies()["broken"]))
+    tip, spent = np.array(rows).T
+    running = (tip > -8) & (tip < 6)
+    assert running.sum() > 10
+    assert np.polyfit(tip[running], spent[running], 1)[0] == pytest.approx(energy, rel=0.1)
+
+
 # --- cracks that close -----------------------------------------------------------------------------------------
 
 

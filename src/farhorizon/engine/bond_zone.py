@@ -79,6 +79,7 @@ class BondZone:
         softening: str | None = None,
         final: np.ndarray | None = None,
         contact_stiffness: np.ndarray | None = None,
+        stiffness_of_nodes: np.ndarray | None = None,
         functions: BondFunctions | None = None,
         numbers: np.ndarray | None = None,
     ) -> None:
@@ -97,6 +98,9 @@ class BondZone:
 
         The law may be `functions`, with `numbers` as in `Bonds.parameters`; bonds up to `limit` are then springs that
         remember nothing, unless they have been stretched more, and there are none where it is minus infinity.
+
+        With `stiffness_of_nodes`, shape of the core, strengths are energies (`Bonds.stiffness`); `limit` must not
+        exceed that of any bond.
         """
         engine, self.softening, self.functions, self._unbroken = self.engine, softening, functions, None
         block, components, forces = engine.layout.box, engine.components, engine.passes is None
@@ -114,6 +118,7 @@ class BondZone:
             real=engine.dtype.name,
             rule=RULES[engine.tables.material.rule] if engine.tables.material.coefficient.size > 1 else None,
             strengths=strength is not None,
+            energies=None if stiffness_of_nodes is None else RULES[engine.tables.material.rule],
             contact=contact and forces,
             thermal=warm,
             softening=softening,
@@ -124,7 +129,12 @@ class BondZone:
         released, bounds = self._energies(spacing)
         spread = {
             name: engine.spread(values, jointly=True)
-            for name, values in (("strength", strength), ("final", final), ("contact_stiffness", contact_stiffness))
+            for name, values in (
+                ("strength", strength),
+                ("stiffness", stiffness_of_nodes),
+                ("final", final),
+                ("contact_stiffness", contact_stiffness),
+            )
             if values is not None
         }
         bonds = with_defaults(
@@ -138,6 +148,7 @@ class BondZone:
             zone=zone.table(engine.layout.reach),
             limit=np.array([limit, (max(limit, 0.0) / 2 * spacing) ** 2], engine.dtype),
             nonlinear=nonlinear,
+            rule=int(engine.tables.material.rule),
             broken=np.zeros((*rows, 2)),
             forces=forces,
             changed=np.zeros_like(kinds),
@@ -472,9 +483,22 @@ class BondZone:
         return bits
 
     @property
+    def strengths(self) -> np.ndarray:
+        """Relative limit of e of bonds between nodes like this one, for all places, or a single number."""
+        table = self.table
+        if table.stiffness.size == 1:
+            return table.strength.copy()
+        with np.errstate(divide="ignore", invalid="ignore"):  # without stiffness bonds never break
+            root = np.sqrt(np.where(table.strength > 0, table.strength / table.stiffness, 0.0))
+        if not table.nonlinear:
+            return root
+        stretch = (np.sqrt(1 + self.limit) - 1) * root
+        return np.asarray(stretch * (2 + stretch) / self.limit)
+
+    @property
     def critical_stretches(self) -> tuple[float, float]:
         """Smallest and largest stretch at which bonds break or begin to soften."""
-        strength = self.table.strength
+        strength = self.strengths
         if strength.size > 1:  # it is zero beyond free sides, where no nodes are
             strength = strength[self.engine.core.node_indices()]
         least, largest = (self.limit * float(factor) for factor in (strength.min(), strength.max()))

@@ -78,6 +78,10 @@ class Bonds(NamedTuple):
     full: np.ndarray = ints(0, bits="uint64")  # (words,): bits of a node that has all its bonds
     #: of nodes: limit of e relative to `limit`, the smallest one; the weaker end of a bond counts
     strength: np.ndarray = reals(1, value=1.0)
+    #: of nodes, or a single one: relative stiffness, that of a bond being combined from its ends by `rule`. Strengths
+    #: are then energies: the limit of the stretch is the root of that of the weaker end over the stiffness of the bond
+    stiffness: np.ndarray = reals(1, value=1.0)
+    rule: int = 0
     #: shape of `alive`, or empty: bits of bonds that carry compression even if cut or broken
     closing: np.ndarray = ints(0, 0, bits="uint64")
     #: of nodes, state-based media only: relative stiffness of closing bonds
@@ -366,6 +370,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(material.coefficient.ctypes.data + node * size),
                 np.int64(alive.ctypes.data + 8 * node),
                 np.int64(bonds.strength.ctypes.data + node * size),
+                np.int64(bonds.stiffness.ctypes.data + node * size),
                 np.int64(bonds.closing.ctypes.data + 8 * node),
                 np.int64(bonds.thermal_strain.ctypes.data + node * size),
                 np.int64(bonds.residual_stiffness.ctypes.data + node * size),
@@ -503,8 +508,21 @@ def strain_energy(u, old, block, first, end, nodes, full, components, material, 
 
 @njit(error_model="numpy", inline="always")
 def weaker(strength, node, neighbour):
-    """Limit of a bond relative to the smallest one, from the strengths of its ends."""
+    """Strength of the weaker end of a bond."""
     return min(strength[node], strength[neighbour]) if strength.size > 1 else strength[0]
+
+
+@njit(error_model="numpy", inline="always")
+def relative_limit(bonds, node, neighbour):
+    """Limit of e of a bond relative to the smallest one."""
+    strength, stiffness = weaker(bonds.strength, node, neighbour), bonds.stiffness
+    if stiffness.size == 1:
+        return np.float64(strength)
+    ratio = np.sqrt(np.float64(strength) / bond_factor(bonds.rule, stiffness[node], stiffness[neighbour]))
+    if not bonds.nonlinear:
+        return ratio
+    stretch = bond_stretch(np.float64(bonds.limit[0]), True) * ratio
+    return stretch * (2 + stretch) / np.float64(bonds.limit[0])
 
 
 @njit(error_model="numpy", cache=True)
@@ -528,7 +546,7 @@ def largest_strain(u, block, components, bonds):
                     for i in range(stop - start):
                         at, neighbour = node + start + i, node + start + i + distance
                         e = results[i] - thermal_squared_stretch(bonds.thermal_strain, at, neighbour)
-                        strength = weaker(bonds.strength, at, neighbour)
+                        strength = relative_limit(bonds, at, neighbour)
                         largest = max(largest, e / strength if words[i] & mask != 0 else -1.0)
     return largest
 

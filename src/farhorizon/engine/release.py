@@ -25,8 +25,8 @@ from farhorizon.engine.bonds import (
     LAW_EXTENT,
     LAW_FIRST,
     range_under_law,
+    relative_limit,
     spring_factor,
-    weaker,
 )
 from farhorizon.engine.codegen.bond_sweeps import LANES, ROWS
 from farhorizon.engine.codegen.compiled import njit
@@ -180,7 +180,7 @@ def weigh_row(u, part, medium, bond, node, n, lines):
     released, critical = bonds.released[bond], np.float64(bonds.limit[0]) / 2
     for i in range(n):
         unit = released[0] * lines[_LAME, i] + released[1] * lines[_SHEAR, i] + released[2] * lines[_PULL, i]
-        lines[_LIMIT, i] = unit * (critical * np.float64(weaker(bonds.strength, node + i, neighbour + i))) ** 2
+        lines[_LIMIT, i] = unit * (critical * relative_limit(bonds, node + i, neighbour + i)) ** 2
 
 
 @njit(error_model="numpy", cache=True, counted=False)

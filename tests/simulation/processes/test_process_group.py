@@ -59,8 +59,8 @@ def told(folder, processes, *arguments):
 #: Cases in which the order of a sum depends on the box: parts of rows in which no bond may break, values of an incident
 #: wave, tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack.
 TO_ROUNDING = (
-    *("breaking", "breaking strata", "an incident wave", "an incident wave below a surface", "states with drag"),
-    "an incident wave in strata",
+    *("breaking", "breaking strata", "breaking along a weld", "states with drag"),
+    *("an incident wave", "an incident wave below a surface", "an incident wave in strata"),
     *("states that break", "states that break by energy", "states that break and close"),
     *("metal that corrodes", "metal that corrodes, across a periodic side", "metal that corrodes in space"),
 )

@@ -51,6 +51,7 @@ class TileAddresses(NamedTuple):
     coefficient: int
     alive: int  # bits of the bonds that are present
     strength: int
+    stiffness: int  # by which strengths are divided that are energies
     closing: int  # bits of the bonds that carry compression in any case
     thermal_strain: int
     residual_stiffness: int  # fractions of their stiffness that bonds keep
@@ -93,6 +94,7 @@ class BondLaw(NamedTuple):
         None  # how the coefficients of both ends combine: "both", "arithmetic", "harmonic", or no coefficients
     )
     strengths: bool = False  # whether nodes have strengths of their own
+    energies: str | None = None  # how stiffnesses of both ends combine, by which strengths are divided; None if by none
     contact: bool = False  # whether absent bonds carry compression
     thermal: bool = False  # whether heat strains the nodes
     softening: str | None = None  # one of `SOFTENINGS`; None where bonds break at once
@@ -128,6 +130,8 @@ class Tile:
         self.coefficients = self.of_rows(self.coefficient, law.rule is not None)
         self.strength = vectors.shifted(at.strength, (1, first))
         self.strengths = self.of_rows(self.strength, law.strengths)
+        self.stiffness_start = vectors.shifted(at.stiffness, (1, first))
+        self.stiffnesses = self.of_rows(self.stiffness_start, law.energies is not None)
         self.thermal_strain = vectors.shifted(at.thermal_strain, (1, first))
         self.thermal_strains = self.of_rows(self.thermal_strain, law.thermal)
         self.final = vectors.shifted(at.final, (1, first))
@@ -237,7 +241,15 @@ class Tile:
         """Largest e at which a bond stays as it is."""
         if not self.law.strengths:
             return self.limit
-        return self.builder.fmul(self.limit, self.least(self.strengths[row], self.beyond(bond, row, self.strength)))
+        builder, strength = self.builder, self.least(self.strengths[row], self.beyond(bond, row, self.strength))
+        if self.law.energies is None:
+            return builder.fmul(self.limit, strength)
+        stiffness = self.combined(self.law.energies, self.stiffnesses[row], bond, row, self.stiffness_start)
+        ratio = self.call("sqrt", builder.fdiv(strength, stiffness))
+        if not self.law.nonlinear:
+            return builder.fmul(self.limit, ratio)
+        stretch = builder.fmul(self.bond_stretch(self.limit), ratio)
+        return builder.fmul(stretch, builder.fadd(stretch, self.constant(2.0)))
 
     def least(self, a: Any, b: Any) -> Any:
         return self.builder.select(self.builder.fcmp_ordered("<", a, b), a, b)
@@ -267,21 +279,23 @@ class Tile:
 
     def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
         """c of one bond from its value without coefficients, see `engine.bonds.bond_factor`."""
-        rule = self.law.rule
-        if rule is None:
+        if self.law.rule is None:
             return uniform
-        builder, near = self.builder, self.coefficients[row]
-        far = self.beyond(bond, row, self.coefficient)
+        mean = self.combined(self.law.rule, self.coefficients[row], bond, row, self.coefficient)
+        return self.builder.fmul(uniform, mean)
+
+    def combined(self, rule: str, near: Any, bond: Any, row: int, start: Any) -> Any:
+        """Values of both ends of one bond, combined by a rule."""
+        builder, far = self.builder, self.beyond(bond, row, start)
         if rule == "both":
-            return builder.fmul(uniform, self.least(near, far))
+            return self.least(near, far)
         total = builder.fadd(near, far)
         if rule == "arithmetic":
-            return builder.fmul(uniform, builder.fmul(total, self.constant(0.5)))
+            return builder.fmul(total, self.constant(0.5))
         product = builder.fmul(builder.fmul(near, far), self.constant(2.0))
-        mean = builder.select(
+        return builder.select(
             builder.fcmp_ordered(">", total, self.constant(0.0)), builder.fdiv(product, total), self.constant(0.0)
         )
-        return builder.fmul(uniform, mean)
 
     def stiffened(self, stiffness: Any, bond: Any, row: int) -> Any:
         """c of one bond near a surface, see `engine.bonds.stiffening`."""

@@ -194,25 +194,43 @@ class BreakableBonds:
             )
         return np.maximum(final, onset)
 
-    def _limits(self) -> tuple[float, np.ndarray | None]:
-        """Return the largest strain e of the weakest bonds, and those at each node relative to it; None if all are
-        equal.
+    def _limits(self) -> tuple[float, np.ndarray | None, np.ndarray | None]:
+        """Return the largest strain e at which no bond breaks, and relative to it the strengths of the nodes, None if
+        all are equal: the largest strains, or, where a fracture energy is given and bonds differ in stiffness,
+        energies, by which a bond's own stiffness decides; then also the stiffness of the nodes.
         """
-        stretches = self.critical_stretches
-        curved = self.law.nonlinear and np.isfinite(self.critical_stretch)
-        limits = stretches * (2 + stretches) if curved else 2 * stretches
-        limits_of_all = self.team.gather((float(limits.min()), float(limits.max())))
-        least, most = min(low for low, _ in limits_of_all), max(high for _, high in limits_of_all)
-        return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
+        law, near = self.law, self.near
+        if law.fracture_energy is not None and law.softening is None:
+            energy, factor = (
+                self._everywhere(1.0 if values is None else values) for values in (near.variation.strength, near.factor)
+            )
+            (least, _), (soft, stiff) = self._range(energy), self._range(factor)
+            if soft < stiff:
+                limit = law.critical_stretch_on(near.lattice.spacing, near.lattice.dim, least, stiff)
+                strengths = energy * (stiff / least)
+                return float(self._strain(limit)), self.grid.grown(strengths), self.grid.grown(factor)
+        limits = self._strain(self.critical_stretches)
+        least, most = self._range(limits)
+        return least, None if least == most else self.grid.grown(self._everywhere(limits / least)), None
 
-    def _everywhere(self, values: np.ndarray) -> np.ndarray:
+    def _strain(self, stretches: Any) -> Any:
+        """Return the strain e at some stretches."""
+        curved = self.law.nonlinear and np.isfinite(self.critical_stretch)
+        return stretches * (2 + stretches) if curved else 2 * stretches
+
+    def _range(self, values: np.ndarray) -> tuple[float, float]:
+        """Return the smallest and the largest value on all processes."""
+        of_all = self.team.gather((float(values.min()), float(values.max())))
+        return min(low for low, _ in of_all), max(high for _, high in of_all)
+
+    def _everywhere(self, values: Any) -> np.ndarray:
         """Return values at the nodes as an array, also if there is a single one for all."""
         return np.broadcast_to(values, self.near.lattice.shape)
 
     def begin(self) -> None:
         """Give the engine the law of the bonds, whole and uncut."""
         law, spacing = self.law, self.near.lattice.spacing
-        limit, strength = self._limits()
+        limit, strength, stiffer = self._limits()
         engine = self.grid.engine
         count = len(engine.offsets)
         bonds, hard = self._bonds(), None
@@ -220,7 +238,7 @@ class BreakableBonds:
         if engine.passes is not None and self.near.factor is not None:
             hard = self.grid.grown(self.near.factor)
         ends = None if law.softening is None else self.grid.grown(self._everywhere(self.final_stretches))
-        options: list[Any] = [law.contact, law.warm, law.softening, ends, hard]
+        options: list[Any] = [law.contact, law.warm, law.softening, ends, hard, stiffer]
         if law.law is not None:
             options += [law.law.functions, law.law.numbers(self.near.dt)]
         engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *options)
@@ -316,7 +334,7 @@ class BreakableBonds:
             np.ascontiguousarray(bonds, float),
             limit,
             law.nonlinear,
-            engine.get("bonds.strength").copy(),
+            engine.bonds.strengths,
             max(1, int(crossing / near.dt)),
             bool(self.regions),
         )
@@ -360,13 +378,13 @@ class BreakableBonds:
             return
         if self.law.caution is not None:
             self.cuts.notes.append(self.law.caution)
-        strain = self.grid.engine.bonds.largest_strain()
-        stretch = float(np.sqrt(1 + strain) - 1 if self.law.nonlinear else strain / 2)
-        if stretch > limit:
+        strains = self.grid.engine.bonds.largest_strain(), self.grid.engine.bonds.limit
+        stretch, least = (float(np.sqrt(1 + e) - 1 if self.law.nonlinear else e / 2) for e in strains)
+        if stretch > least:
             raise InputError(
                 f"the initial displacements{' and temperatures' * self.law.warm} stretch bonds beyond the critical "
                 "stretch",
-                value=f"{limit:.6g}",
+                value=f"{least:.6g}",
                 limit=f"> {stretch:.4g}",
                 key="model.critical_stretch",
                 remedy="a smaller start, or cracks",
