@@ -171,6 +171,7 @@ BAD = {
     "thin body": (Temperature("x-", 1.0, "mirror"), {"lattice": Lattice(1.0, 0.0, 4.0)}, "too thin"),
     "no such side": (Temperature("y-", 1.0), {"lattice": BAR}, "no such side"),
     "nan": (Temperature("x-", np.nan), {"lattice": BAR}, "must be finite"),
+    "squares that overflow": (Convection("x-", 1.0, ambient=1e300), {"lattice": BAR}, "squares.* overflow"),
     "shape of array": (Temperature("x-", np.ones(3), "node"), {"lattice": PLATE}, "shape of the side"),
     "empty": (Temperature(Disc(0.1, (0.5, 0.5)), 1.0), {"lattice": PLATE}, "no node lies in the shape"),
     "not a constraint": (3.0, {"lattice": BAR}, "not a constraint"),

@@ -47,6 +47,7 @@ def test_waves_of_high_frequency_are_faster_as_causality_demands():
         ({"quality": 10, "band": (0.01, 100), "exponent": 1}, "exponent.*>= 5|>= 5.*exponent"),
         ({"quality": 50, "band": (1, 2), "mechanisms": 0}, "mechanisms"),
         ({"quality": 50, "band": (1e-9, 1e9)}, "no 16 mechanisms"),
+        ({"quality": 156, "band": (11.5, 1e30)}, "no 16 mechanisms"),
         ({"quality": 50, "band": (1, 2), "regions": [fh.Disc(1.0)]}, r"regions\[0\].*LossyRegion"),
         ({"quality": 50, "band": (1, 20), "exponent": 0.5, "regions": [SMALL]}, r"regions\[0\].quality.*>= 5"),
     ],

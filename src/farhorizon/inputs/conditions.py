@@ -35,7 +35,7 @@ from farhorizon.geometry.lattice import AXES, Lattice, nodes_in
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.sources import Source, as_source, space_and_time, steady
+from farhorizon.inputs.sources import Source, as_source, check_size, space_and_time, steady
 from farhorizon.medium.stencil import Stencil
 
 Where = str | Shape | np.ndarray
@@ -591,6 +591,7 @@ def _finite(value: Any, count: int, key: str) -> np.ndarray:
     values = np.broadcast_to(kinds.array(value, key, finite=False), (count,))
     if not np.isfinite(values).all():
         raise InputError("values must be finite", value=f"{int((~np.isfinite(values)).sum())} nan or inf", key=key)
+    check_size(values, key)
     return values
 
 

@@ -243,6 +243,8 @@ class Attenuation(Storable):
             with np.errstate(divide="ignore"):  # shares that add up to one
                 fits.append((fitted, float(np.abs(relaxed.imag * asked / relaxed.real - 1).max())))
             weights *= np.abs(lost @ shares - 1)
+            if not weights.any():  # they vanish where a fit is far off, except at frequencies that it meets
+                break
         return min(fits, key=lambda fit: fit[1])
 
 
