@@ -127,6 +127,7 @@ def test_the_memory_for_constants_is_checked_before_they_are_evaluated(model, mo
     assert 0.5 * need[0] <= needed <= need[0]
     monkeypatch.undo()
     monkeypatch.setattr("farhorizon.machine.available_memory", lambda: needed // 3)
+    monkeypatch.setattr("farhorizon.machine._FEW", 0)
     with pytest.raises(fh.InputError, match="constants at 160801 nodes do not fit into memory"):
         reference_and_variation(setup, module.ALONE)
 
